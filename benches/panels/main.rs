@@ -25,7 +25,9 @@ use fuyu::dynamics::{Input, IntegrationMethod, Integrator, State, Workspace};
 use fuyu::model::{Model, ModelBuilder};
 use fuyu::spatial::{Pose, RigidInertia, Twist};
 use fuyu::structures::PlateStrip;
-use nalgebra::{DVector, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{
+    DVector, Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3,
+};
 
 /// Simulated time \[s\].
 const END: f64 = 5.0;
@@ -92,7 +94,7 @@ fn chain_row(n: usize, exact: &[f64]) -> Row {
     let mut integrator = Integrator::new(&model, IntegrationMethod::Rk4);
     let mut start = State::at_rest(&model);
     let V = Twist::new(Vector3::from(SPIN), Vector3::zeros());
-    start.set_base(&mut workspace, &Pose::identity(), &V);
+    start.set_base(&mut workspace, &Isometry3::identity(), &V);
     let mut state = start.clone();
     let mut free = |_: f64, _: &State, _: &mut Input| {};
     let seconds = fastest(|| {

@@ -149,6 +149,11 @@ impl Excitations {
         self.waves().any(|wave| wave.acts_from(time))
     }
 
+    /// Whether any acts on a link at some time.
+    pub fn push(&self) -> bool {
+        !self.links.is_empty()
+    }
+
     /// Whether any acts on a link in a step that begins at `time` \[s\].
     pub fn push_from(&self, time: f64) -> bool {
         self.links.iter().any(|(_, wave)| wave.acts_from(time))

@@ -72,7 +72,9 @@ pub use external_wrenches::ExternalChange;
 pub use free_body::FreeBody;
 pub use imu::{ImuParams, imu};
 pub use loops::{EndParams, LoopParams};
-pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry, target_joint_states};
+pub use messages::{
+    FrameTree, WORLD, external_impulse, joint_states, momentum, odometry, target_joint_states,
+};
 pub use params::{
     AppendageParams, Description, DynamicsParams, FlexibleParams, InitialJoints, InitialMotion,
     LockstepOn, TargetParams, ThrusterParams, WheelParams,

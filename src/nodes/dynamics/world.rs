@@ -375,6 +375,13 @@ impl World {
         self.wrenches.change()
     }
 
+    /// Whether the scenario itself acts on the robot from outside, by thrusters or excitations of links.
+    pub fn is_acted_on(&self) -> bool {
+        let robot = self.robot.flexible();
+        let has_thrusters = robot.is_some_and(|r| !r.system().thrusters().is_empty());
+        has_thrusters || self.wrenches.excitations().push()
+    }
+
     /// Wrenches from outside, to add or clear some.
     pub(super) fn wrenches_mut(&mut self) -> &mut ExternalWrenches {
         &mut self.wrenches
