@@ -43,7 +43,7 @@ pub struct Outputs {
     _appendage_outlines: Option<Publisher<fuyu_msgs::AppendageOutlines>>,
     /// `None` for a robot without wheels.
     wheels: Option<Output<sensor_msgs::JointState>>,
-    /// `None` if nobody can apply wrenches or fire thrusters.
+    /// `None` if nothing can act on the robot from outside.
     external_impulse: Option<Output<fuyu_msgs::ExternalImpulse>>,
     imu: Output<sensor_msgs::Imu>,
     /// `None` without a star tracker.
@@ -150,9 +150,7 @@ impl Outputs {
                 }),
                 None => None,
             },
-            external_impulse: match params.motions.interfaces
-                || !params.flexible.thrusters.is_empty()
-            {
+            external_impulse: match params.motions.interfaces || world.is_acted_on() {
                 true => Some(Output {
                     publisher: topics::EXTERNAL_IMPULSE.advertise(node)?,
                     message: external_impulse_message(),
