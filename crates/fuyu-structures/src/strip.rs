@@ -11,6 +11,9 @@ use crate::{
 /// Pieces into which the length is divided for integrals over closed forms.
 const PIECES: usize = 24;
 
+/// Shapes of modes at x.
+type Shapes<'a> = Vec<Box<dyn Fn(f64) -> Sample + 'a>>;
+
 /// A thin rectangular panel that is clamped at one short side, such as a solar panel: Euler-Bernoulli bending out of its plane and
 /// St Venant torsion, uniform.
 ///
@@ -78,12 +81,11 @@ impl PlateStrip {
     }
 
     /// Closed forms of the shapes, and frequencies \[rad/s\].
-    #[allow(clippy::type_complexity)]
-    fn exact_modes(&self) -> Result<(Vec<Box<dyn Fn(f64) -> Sample>>, Vec<f64>), StructureError> {
+    fn exact_modes(&self) -> Result<(Shapes<'static>, Vec<f64>), StructureError> {
         self.check()?;
         let bending = Cantilever::new(self.length, self.mass_per_length(), self.EI)?;
         let torsion = Shaft::new(self.length, self.inertia_per_length(), self.GJ)?;
-        let mut modes: Vec<Box<dyn Fn(f64) -> Sample>> = Vec::new();
+        let mut modes: Shapes<'static> = Vec::new();
         for k in 0..self.bending_modes {
             modes.push(Box::new(move |x| Sample {
                 w: bending.shape(k, x),
@@ -124,7 +126,7 @@ impl PlateStrip {
         };
         let bending = beam.modes(End::Clamped, End::Free, self.bending_modes)?;
         let torsion = rod.modes(self.torsion_modes)?;
-        let mut modes: Vec<Box<dyn Fn(f64) -> Sample + '_>> = Vec::new();
+        let mut modes: Shapes<'_> = Vec::new();
         let (beam, rod) = (&beam, &rod);
         for shape in bending.shapes.column_iter().map(|c| c.into_owned()) {
             modes.push(Box::new(move |x| Sample {
@@ -150,7 +152,7 @@ impl PlateStrip {
         &'a self,
         name: &str,
         pieces: usize,
-        modes: Vec<Box<dyn Fn(f64) -> Sample + 'a>>,
+        modes: Shapes<'a>,
         frequencies: &[f64],
     ) -> Result<Appendage, StructureError> {
         let body = self.line(pieces, modes).invariants(self.second_order)?;
@@ -158,7 +160,7 @@ impl PlateStrip {
         with_modes(name, body, frequencies, self.damping, kinds)
     }
 
-    fn line<'a>(&self, pieces: usize, modes: Vec<Box<dyn Fn(f64) -> Sample + 'a>>) -> Line<'a> {
+    fn line<'a>(&self, pieces: usize, modes: Shapes<'a>) -> Line<'a> {
         let density = self.mass_per_length();
         Line {
             breaks: (0..=pieces)
@@ -291,7 +293,7 @@ pub(crate) fn bending_invariants(
 
 /// A beam that bends along y and along z with given shapes.
 fn bending_line<'a>([y, z]: [&'a Beam; 2], [y_shapes, z_shapes]: [&DMatrix<f64>; 2]) -> Line<'a> {
-    let mut modes: Vec<Box<dyn Fn(f64) -> Sample + 'a>> = Vec::new();
+    let mut modes: Shapes<'a> = Vec::new();
     for shape in y_shapes.column_iter().map(|c| c.into_owned()) {
         modes.push(Box::new(move |x| Sample {
             v: y.deflection(&shape, x),
