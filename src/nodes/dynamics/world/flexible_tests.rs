@@ -268,7 +268,7 @@ fn frames_show_the_deflection() {
     assert!(turned.y < -0.01 && turned.x > 0.003, "{turned:?}");
 }
 
-// An elastic link has no frame of its own beside that of the link, which moves with the tip: by 2 cm here, without turning.
+// An elastic link has no frames but that of the link, which moves with the tip: by 2 cm here, without turning.
 #[test]
 fn frames_of_an_elastic_link_move_with_its_tip() {
     let folder = tempfile::tempdir().unwrap();
