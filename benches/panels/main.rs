@@ -5,10 +5,11 @@
 //! cargo bench --bench panels -- --python "$python"      # without --python: fuyu alone
 //! ```
 //!
-//! MuJoCo has no modal bodies; its flexible ones are chains or meshes of bodies with springs, as here. Both programs simulate
-//! the same chains, so their results must agree before anything is printed. All runs use the classical Runge-Kutta method,
-//! each with the longest step of 1/k s with `ω h` below 2 for its fastest vibration. The error is that of the base's
-//! attitude after five seconds of a tumbling motion, against chains extrapolated to segments of no length.
+//! MuJoCo has no modal bodies; its flexible ones are chains or meshes of bodies with springs, as here. Both programs
+//! simulate the same chains, so their results must agree before anything is printed. All runs use the classical
+//! Runge-Kutta method, each with the longest step of 1/k s with `ω h` below 2 for its fastest vibration. The error is
+//! that of the base's attitude after five seconds of a tumbling motion, against chains extrapolated to segments of no
+//! length.
 
 #[path = "../../crates/fuyu-physics/tests/flexible/segments.rs"]
 mod segments;

@@ -20,7 +20,7 @@ def piece(length, width, areal_mass):
 
 
 def panel(n, length, width, areal_mass, EI, GJ):
-    """Bodies of a chain, one in the other, with a bending and a torsion spring at the middle of each of n equal parts."""
+    """Bodies of a chain, one in the other: springs in bending and torsion at the middle of each of n equal parts."""
     h = length / n
     xml = ""
     for i in reversed(range(n)):

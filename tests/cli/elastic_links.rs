@@ -76,8 +76,8 @@ fn an_arm_with_elastic_links_moves_as_in_the_independent_run() {
     assert!(report["energy_residual"].as_f64().unwrap() < 1e-9);
 }
 
-// A tip displacement w without slope stores 6 EI w^2 / L^3. Would break if the coordinates were scaled to unit mass, or in another
-// order: a slope of .02 rad stores more.
+// A tip displacement w without slope stores 6 EI w^2 / L^3. Would break if the coordinates were scaled to unit mass, or
+// in another order: a slope of .02 rad stores more.
 #[test]
 fn a_bent_link_begins_with_its_strain_energy() {
     let text = with(

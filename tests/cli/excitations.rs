@@ -44,8 +44,8 @@ fn excited(scenario: &str, lines: &str) -> String {
     )
 }
 
-// Run a: the arm excites the panels. Would break if efforts were held over a step instead of evaluated at its stages: that
-// is an error of 1e-5 in attitude. The energy is the work of the efforts less what panels and joints dissipate.
+// Run a: the arm excites the panels. Would break if efforts were held over a step instead of evaluated at its stages:
+// that is an error of 1e-5 in attitude. The energy is the work of the efforts less what panels and joints dissipate.
 #[test]
 fn a_driven_arm_excites_the_panels_as_in_the_independent_run() {
     let runs: Value = serde_json::from_str(RUNS).unwrap();
@@ -79,9 +79,9 @@ fn driven_wheels_turn_the_base_as_in_the_independent_run() {
     assert!(error < 1e-6, "{error:e}");
 }
 
-// A half sine of 1 s on a spinning robot with locked joints. In axes of the world momentum changes by 2/pi of the force, at any
-// attitude; in axes of the link, which turns by 3 degrees meanwhile, it does not. The torque about the centre of mass has no closed
-// form, but energy must balance in both.
+// A half sine of 1 s on a spinning robot with locked joints. In axes of the world momentum changes by 2/pi of the
+// force, at any attitude; in axes of the link, which turns by 3 degrees meanwhile, it does not. The torque about the
+// centre of mass has no closed form, but energy must balance in both.
 #[test]
 fn a_half_sine_pulse_gives_its_impulse() {
     let force = [20.0, -30.0, 60.0];
@@ -116,7 +116,8 @@ fn a_half_sine_pulse_gives_its_impulse() {
     }
 }
 
-// A bag has the excitations in its mean efforts and external impulse, so that its checks hold. A rigid robot has them, too.
+// A bag has the excitations in its mean efforts and external impulse, so that its checks hold. A rigid robot has them,
+// too.
 #[test]
 fn recorded_excitations_satisfy_the_checks_of_a_bag() {
     let folder = tempfile::tempdir().unwrap();

@@ -126,7 +126,8 @@ impl Line<'_> {
         places.into_iter().map(output).collect()
     }
 
-    /// The edges of the chord, or the line if there is none, at the ends of `parts` equal parts of the length. First order.
+    /// The edges of the chord, or the line if there is none, at the ends of `parts` equal parts of the length. First
+    /// order.
     pub(crate) fn outline(&self, parts: usize) -> Outline {
         let length = self.breaks[self.breaks.len() - 1];
         let along = |y: f64| {

@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 
 use crate::OutputPoint;
 
-/// Points of a deformable body that show its shape, first order: the line of a beam from root to tip, or the edge of a panel,
-/// on the side of +y from root to tip and back on the other side.
+/// Points of a deformable body that show its shape, first order: the line of a beam from root to tip, or the edge of a
+/// panel, on the side of +y from root to tip and back on the other side.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outline {
     /// In order along the line or edge.

@@ -71,7 +71,8 @@ impl PlateStrip {
         self.assemble(name, PIECES, modes, &frequencies)
     }
 
-    /// The edge of the panel at the ends of `parts` equal parts of its length, with the modes of [`PlateStrip::appendage`].
+    /// The edge of the panel at the ends of `parts` equal parts of its length, with the modes of
+    /// [`PlateStrip::appendage`].
     ///
     /// # Errors
     /// As [`PlateStrip::appendage`]; no parts, or more than 400.

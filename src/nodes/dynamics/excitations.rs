@@ -159,7 +159,8 @@ impl Excitations {
         self.links.iter().any(|(_, wave)| wave.acts_from(time))
     }
 
-    /// Wrenches at unit amplitude, with their factors at `time` \[s\], of those that act in the step that began at `start`.
+    /// Wrenches at unit amplitude, with their factors at `time` \[s\], of those that act in the step that began at
+    /// `start`.
     pub fn wrenches(&self, start: f64, time: f64) -> impl Iterator<Item = (&ExternalWrench, f64)> {
         let acting = self.links.iter().filter(move |(_, w)| w.acts_from(start));
         acting.map(move |(wrench, wave)| (wrench, wave.at(time)))

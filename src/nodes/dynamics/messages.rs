@@ -184,8 +184,8 @@ impl FrameTree {
     }
 }
 
-/// Pose of each appendage's tip, or first output point, in the frame of its attachment. The frame of an elastic link is at
-/// its tip.
+/// Pose of each appendage's tip, or first output point, in the frame of its attachment. The frame of an elastic link is
+/// at its tip.
 fn tip_poses(robot: &FlexibleFloating) -> impl Iterator<Item = Pose> + '_ {
     let appendages = robot.system().modal_bodies().iter();
     let appendages = appendages.filter(|body| body.section.is_none());

@@ -255,7 +255,8 @@ impl Robot {
     }
 
     /// Advances by one step of `dt` \[s\] under what `forcing` makes of the last input at every stage: from time and
-    /// state, joint efforts and wrenches, and wheel torques. Afterwards the input that it gives for the new state is held.
+    /// state, joint efforts and wrenches, and wheel torques. Afterwards the input that it gives for the new state is
+    /// held.
     pub fn step_with(
         &mut self,
         dt: f64,

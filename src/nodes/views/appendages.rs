@@ -12,8 +12,8 @@ use crate::{
     nodes::geometry::vector_from_msg,
 };
 
-/// Markers of all appendages, each in its attachment frame, which moves with the link that carries it. Those whose outline
-/// and state do not agree in the number of modes are left out.
+/// Markers of all appendages, each in its attachment frame, which moves with the link that carries it. Those whose
+/// outline and state do not agree in the number of modes are left out.
 pub fn markers(outlines: &AppendageOutlines, states: &AppendageStates) -> Vec<Marker> {
     let mut markers = Vec::new();
     for (body, name) in outlines.name.iter().enumerate() {
@@ -118,8 +118,8 @@ mod tests {
         marker.points.iter().map(|p| [p.x, p.y, p.z]).collect()
     }
 
-    // The modal coordinates are found by name: .4 x .25 = .1 m at the panel's tip, .2 x .5 - .03 = .07 m at the boom's. With
-    // those of the other body the panel's tip would be at .05 m.
+    // The modal coordinates are found by name: .4 x .25 = .1 m at the panel's tip, .2 x .5 - .03 = .07 m at the boom's.
+    // With those of the other body the panel's tip would be at .05 m.
     #[test]
     fn panels_are_drawn_where_their_modes_move_them() {
         let (outlines, states) = messages();

@@ -81,8 +81,8 @@ pub fn curve(
     marker
 }
 
-/// The surface between points that go along one side and back on the other, as triangles; deleted if there are fewer than
-/// four, or an odd number.
+/// The surface between points that go along one side and back on the other, as triangles; deleted if there are fewer
+/// than four, or an odd number.
 pub fn surface(
     group: &str,
     id: i32,

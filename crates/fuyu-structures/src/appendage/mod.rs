@@ -243,10 +243,10 @@ impl Appendage {
     }
 
     /// Rejects a mass matrix of rigid motion and modes together that is not positive semidefinite: the modes move more mass
-    /// than there is. `carrier` is the mass matrix of the rigid body that carries this one, for a velocity `(v, w)` of the
-    /// attachment frame about its origin, or zero; the air table of Kida 1993 has the mass of its appendage there. A slender
-    /// body has no inertia about its axis, so that the matrix may be singular. Each row is scaled by its diagonal entry
-    /// first.
+    /// than there is. `carrier` is the mass matrix of the rigid body that carries this one, for a velocity `(v, w)` of
+    /// the attachment frame about its origin, or zero; the air table of Kida 1993 has the mass of its appendage there.
+    /// A slender body has no inertia about its axis, so that the matrix may be singular. Each row is scaled by its
+    /// diagonal entry first.
     ///
     /// # Errors
     /// [`StructureError::Matrix`].

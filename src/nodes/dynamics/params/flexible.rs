@@ -35,8 +35,8 @@ pub struct FlexibleParams {
 }
 
 impl FlexibleParams {
-    /// Declares `appendages`, `links`, `joints`, `wheels`, `thrusters` and the parameters of each, and reads them. `lookup` finds
-    /// files relative to that of a parameter.
+    /// Declares `appendages`, `links`, `joints`, `wheels`, `thrusters` and the parameters of each, and reads them.
+    /// `lookup` finds files relative to that of a parameter.
     ///
     /// # Errors
     /// A line that names a parameter with its value, and what would be right.

@@ -87,8 +87,9 @@ impl FlexibleBuilder {
     /// Checks all parts and compiles them.
     ///
     /// # Errors
-    /// [`FlexibleError`] for a robot with mimic joints, modes that move more mass than their body and its link have, a part on a link or joint that the robot lacks, a part that an
-    /// elastic link cannot carry, two parts with one name, or a number out of its range.
+    /// [`FlexibleError`] for a robot with mimic joints, modes that move more mass than their body and its link have, a
+    /// part on a link or joint that the robot lacks, a part that an elastic link cannot carry, two parts with one name,
+    /// or a number out of its range.
     pub fn build(self) -> Result<FlexibleSystem, FlexibleError> {
         let model = &self.model;
         if model.has_mimics() {

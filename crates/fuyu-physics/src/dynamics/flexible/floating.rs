@@ -139,8 +139,8 @@ impl FlexibleFloating {
         integrator.steps(state, workspace, dt, steps, &mut hold);
     }
 
-    /// Advances by one step of `dt` \[s\] under the efforts, wrenches and wheel torques that `forcing` makes of the held
-    /// ones at every stage. Afterwards those that it gives for the new state are held.
+    /// Advances by one step of `dt` \[s\] under the efforts, wrenches and wheel torques that `forcing` makes of the
+    /// held ones at every stage. Afterwards those that it gives for the new state are held.
     pub fn step_with(&mut self, dt: f64, forcing: &mut impl FlexibleForcing) {
         let Self {
             state,
