@@ -194,6 +194,7 @@ impl ExternalWrenches {
         let ahead = time - robot.state().time;
         if is_excited {
             self.excitations.save(robot);
+            self.excitations.add_to(robot, time);
         }
         for _ in 0..steps {
             let is_pushed = any_acts || robot.is_firing();
