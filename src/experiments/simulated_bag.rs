@@ -13,8 +13,8 @@ use crate::{
         camera,
         controller::ControllerMessages,
         dynamics::{
-            FrameTree, Target, World, appendage_states, imu, joint_states, momentum, odometry,
-            star_tracker_message, target_joint_states, wheel_states,
+            FrameTree, Target, World, appendage_states, external_impulse, imu, joint_states,
+            momentum, odometry, star_tracker_message, target_joint_states, wheel_states,
         },
         features::feature_frame_to_msg,
         teleop, topics,
@@ -48,6 +48,7 @@ struct RobotTopics {
     momentum: TopicId,
     appendages: Option<TopicId>,
     wheels: Option<TopicId>,
+    external_impulse: Option<TopicId>,
     imu: TopicId,
     tf: TopicId,
     servo: Option<ServoTopics>,
@@ -183,6 +184,10 @@ impl RobotTopics {
                 Some(_) => Some(w.add(&topics::WHEEL_STATES)?),
                 None => None,
             },
+            external_impulse: match run.world.is_acted_on() {
+                true => Some(w.add(&topics::EXTERNAL_IMPULSE)?),
+                false => None,
+            },
             imu: w.add(&topics::IMU)?,
             tf: w.add(&topics::TF)?,
             servo: if run.image().is_some() {
@@ -270,6 +275,9 @@ impl SimulatedBag {
         }
         if let (Some(topic), Some(message)) = (t.wheels, wheel_states(stamp, base, world)) {
             w.write_message(topic, log, &message)?;
+        }
+        if let (Some(topic), Some(change)) = (t.external_impulse, world.external_change()) {
+            w.write_message(topic, log, &external_impulse(stamp, change))?;
         }
         w.write_message(t.imu, log, &imu(stamp, base, world))?;
         w.write_message(t.tf, log, &t.frames.transforms(stamp, world))

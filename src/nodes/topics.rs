@@ -10,8 +10,8 @@ use crate::{
     msg::{
         Interface,
         fuyu_msgs::{
-            AppendageStates, AttitudeState, ControllerState, ExternalImpulse, FeatureTracks,
-            Momentum, MotionEstimate, ThrusterCommands,
+            AppendageOutlines, AppendageStates, AttitudeState, ControllerState, ExternalImpulse,
+            FeatureTracks, Momentum, MotionEstimate, ThrusterCommands,
         },
         geometry_msgs::{
             PoseStamped, QuaternionStamped, TwistStamped, Vector3Stamped, WrenchStamped,
@@ -90,7 +90,9 @@ topics! {
     /// True momentum and kinetic energy.
     MOMENTUM: Topic<Momentum> = "ground_truth/momentum", RELIABLE, ["dynamics"] => ["views"];
     /// True deformation of appendages and elastic joints.
-    APPENDAGES: Topic<AppendageStates> = "ground_truth/appendages", RELIABLE, ["dynamics"] => ["recorder"];
+    APPENDAGES: Topic<AppendageStates> = "ground_truth/appendages", RELIABLE, ["dynamics"] => ["views"];
+    /// Points of the appendages, and how modes move them.
+    APPENDAGE_OUTLINES: Topic<AppendageOutlines> = "ground_truth/appendage_outlines", LATCHED, ["dynamics"] => ["views"];
     /// Angles, speeds and mean motor torques of the wheels.
     WHEEL_STATES: Topic<JointState> = "wheel_states", RELIABLE, ["dynamics"] => ["attitude"];
     /// What external wrenches and thrusters have changed; from the first one on.

@@ -115,6 +115,7 @@ mod link;
 mod matrices;
 pub mod modes_file;
 mod nodal;
+mod outline;
 mod pencil;
 mod quadrature;
 mod strip;
@@ -135,6 +136,7 @@ pub use self::{
     link::ElasticLink,
     matrices::{Matrices, Modes},
     nodal::{Axis, NodalModel},
+    outline::Outline,
     pencil::{frequencies_hz, quadratic_roots},
     strip::{Boom, PlateStrip},
     truss::{Rod, Truss},

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::{
-    Deflection, Invariants, MassPoint, OutputPoint, StructureError,
+    Deflection, Invariants, MassPoint, Outline, OutputPoint, StructureError,
     appendage::pairs,
     quadrature::{Gauss, POINTS},
 };
@@ -21,7 +21,7 @@ pub(crate) struct Line<'a> {
     /// Limits of the pieces within which shapes and mass are smooth \[m\].
     pub(crate) breaks: Vec<f64>,
     /// Mass per length \[kg/m\] at x.
-    pub(crate) mass_per_length: &'a dyn Fn(f64) -> f64,
+    pub(crate) mass_per_length: Box<dyn Fn(f64) -> f64 + 'a>,
     /// Width along y over which the mass is spread evenly \[m\]; zero for a beam.
     pub(crate) width: f64,
     /// One for each mode.
@@ -122,20 +122,50 @@ impl Line<'_> {
                 ("tip_right", -self.width / 2.0),
             ]);
         }
-        let output = |(name, y): (&str, f64)| {
-            let point = mass_point(0.0, tip, y, &samples, running);
-            OutputPoint {
-                name: name.to_owned(),
-                position: point.position,
-                translation: point.psi,
-                rotation: samples
-                    .iter()
-                    .map(|s| Vector3::new(s.theta.0, -s.w.slope, s.v.slope))
-                    .collect(),
-                chi: point.chi,
-            }
-        };
+        let output = |(name, y): (&str, f64)| output_point(name, tip, y, &samples, running);
         places.into_iter().map(output).collect()
+    }
+
+    /// The edges of the chord, or the line if there is none, at the ends of `parts` equal parts of the length. First
+    /// order.
+    pub(crate) fn outline(&self, parts: usize) -> Outline {
+        let length = self.breaks[self.breaks.len() - 1];
+        let along = |y: f64| {
+            (0..=parts).map(move |i| {
+                let x = length * i as f64 / parts as f64;
+                output_point(&format!("edge{i}"), x, y, &self.sample(x), &[])
+            })
+        };
+        let half = self.width / 2.0;
+        let is_surface = half > 0.0;
+        Outline {
+            points: match is_surface {
+                true => along(half).chain(along(-half).rev()).collect(),
+                false => along(0.0).collect(),
+            },
+            is_surface,
+        }
+    }
+}
+
+/// The output point at `x`, `y`, where the modes have `samples`.
+fn output_point(
+    name: &str,
+    x: f64,
+    y: f64,
+    samples: &[Sample],
+    running: &[Running],
+) -> OutputPoint {
+    let point = mass_point(0.0, x, y, samples, running);
+    OutputPoint {
+        name: name.to_owned(),
+        position: point.position,
+        translation: point.psi,
+        rotation: samples
+            .iter()
+            .map(|s| Vector3::new(s.theta.0, -s.w.slope, s.v.slope))
+            .collect(),
+        chi: point.chi,
     }
 }
 

@@ -3,13 +3,16 @@
 use nalgebra::DMatrix;
 
 use crate::{
-    Appendage, Beam, Cantilever, End, Invariants, MassPoint, OutputPoint, QuadraticRod, Shaft,
-    StructureError, error,
+    Appendage, Beam, Cantilever, End, Invariants, MassPoint, Outline, OutputPoint, QuadraticRod,
+    Shaft, StructureError, error,
     line::{Line, Sample},
 };
 
 /// Pieces into which the length is divided for integrals over closed forms.
 const PIECES: usize = 24;
+
+/// Shapes of modes at x.
+type Shapes<'a> = Vec<Box<dyn Fn(f64) -> Sample + 'a>>;
 
 /// A thin rectangular panel that is clamped at one short side, such as a solar panel: Euler-Bernoulli bending out of its plane and
 /// St Venant torsion, uniform.
@@ -64,10 +67,26 @@ impl PlateStrip {
     /// # Errors
     /// A value that is not positive, or more than 12 modes of a kind.
     pub fn appendage(&self, name: &str) -> Result<Appendage, StructureError> {
+        let (modes, frequencies) = self.exact_modes()?;
+        self.assemble(name, PIECES, modes, &frequencies)
+    }
+
+    /// The edge of the panel at the ends of `parts` equal parts of its length, with the modes of
+    /// [`PlateStrip::appendage`].
+    ///
+    /// # Errors
+    /// As [`PlateStrip::appendage`]; no parts, or more than 400.
+    pub fn outline(&self, parts: usize) -> Result<Outline, StructureError> {
+        error::count("parts of the outline", parts, 1, 400)?;
+        Ok(self.line(PIECES, self.exact_modes()?.0).outline(parts))
+    }
+
+    /// Closed forms of the shapes, and frequencies \[rad/s\].
+    fn exact_modes(&self) -> Result<(Shapes<'static>, Vec<f64>), StructureError> {
         self.check()?;
         let bending = Cantilever::new(self.length, self.mass_per_length(), self.EI)?;
         let torsion = Shaft::new(self.length, self.inertia_per_length(), self.GJ)?;
-        let mut modes: Vec<Box<dyn Fn(f64) -> Sample>> = Vec::new();
+        let mut modes: Shapes<'static> = Vec::new();
         for k in 0..self.bending_modes {
             modes.push(Box::new(move |x| Sample {
                 w: bending.shape(k, x),
@@ -83,7 +102,8 @@ impl PlateStrip {
         let frequencies = (0..self.bending_modes)
             .map(|k| bending.frequency(k))
             .chain((0..self.torsion_modes).map(|k| torsion.frequency(k)));
-        self.assemble(name, PIECES, modes, &frequencies.collect::<Vec<_>>())
+        let frequencies = frequencies.collect();
+        Ok((modes, frequencies))
     }
 
     /// The panel as finite elements: Hermite cubics in bending, quadratic elements in torsion, `elements` of each. Its error in
@@ -107,7 +127,7 @@ impl PlateStrip {
         };
         let bending = beam.modes(End::Clamped, End::Free, self.bending_modes)?;
         let torsion = rod.modes(self.torsion_modes)?;
-        let mut modes: Vec<Box<dyn Fn(f64) -> Sample + '_>> = Vec::new();
+        let mut modes: Shapes<'_> = Vec::new();
         let (beam, rod) = (&beam, &rod);
         for shape in bending.shapes.column_iter().map(|c| c.into_owned()) {
             modes.push(Box::new(move |x| Sample {
@@ -133,21 +153,24 @@ impl PlateStrip {
         &'a self,
         name: &str,
         pieces: usize,
-        modes: Vec<Box<dyn Fn(f64) -> Sample + 'a>>,
+        modes: Shapes<'a>,
         frequencies: &[f64],
     ) -> Result<Appendage, StructureError> {
+        let body = self.line(pieces, modes).invariants(self.second_order)?;
+        let kinds = [("b", self.bending_modes), ("t", self.torsion_modes)];
+        with_modes(name, body, frequencies, self.damping, kinds)
+    }
+
+    fn line<'a>(&self, pieces: usize, modes: Shapes<'a>) -> Line<'a> {
         let density = self.mass_per_length();
-        let line = Line {
+        Line {
             breaks: (0..=pieces)
                 .map(|i| self.length * i as f64 / pieces as f64)
                 .collect(),
-            mass_per_length: &move |_| density,
+            mass_per_length: Box::new(move |_| density),
             width: self.width,
             modes,
-        };
-        let body = line.invariants(self.second_order)?;
-        let kinds = [("b", self.bending_modes), ("t", self.torsion_modes)];
-        with_modes(name, body, frequencies, self.damping, kinds)
+        }
     }
 }
 
@@ -208,6 +231,18 @@ impl Boom {
         let kinds = [("y", self.modes[0]), ("z", self.modes[1])];
         with_modes(name, body, &frequencies, self.damping, kinds)
     }
+
+    /// The boom's line at the ends of `parts` equal parts of its length, with the modes of [`Boom::appendage`].
+    ///
+    /// # Errors
+    /// As [`Boom::appendage`]; no parts, or more than 400.
+    pub fn outline(&self, parts: usize) -> Result<Outline, StructureError> {
+        error::count("parts of the outline", parts, 1, 400)?;
+        let y = self.along_y.modes(End::Clamped, End::Free, self.modes[0])?;
+        let z = self.along_z.modes(End::Clamped, End::Free, self.modes[1])?;
+        let line = bending_line([&self.along_y, &self.along_z], [&y.shapes, &z.shapes]);
+        Ok(line.outline(parts))
+    }
 }
 
 /// Mass integrals of a beam that bends along y and along z with given shapes (values of the degrees of freedom, one column for
@@ -241,26 +276,7 @@ pub(crate) fn bending_invariants(
             expected: "the same elements but for EI, and bodies at the tip only".to_owned(),
         });
     }
-    let mut modes: Vec<Box<dyn Fn(f64) -> Sample + '_>> = Vec::new();
-    for shape in y_shapes.column_iter().map(|c| c.into_owned()) {
-        modes.push(Box::new(move |x| Sample {
-            v: y.deflection(&shape, x),
-            ..Sample::default()
-        }));
-    }
-    for shape in z_shapes.column_iter().map(|c| c.into_owned()) {
-        modes.push(Box::new(move |x| Sample {
-            w: z.deflection(&shape, x),
-            ..Sample::default()
-        }));
-    }
-    let density = |x: f64| y.mass_per_length(x);
-    let line = Line {
-        breaks: y.nodes(),
-        mass_per_length: &density,
-        width: 0.0,
-        modes,
-    };
+    let line = bending_line([y, z], [y_shapes, z_shapes]);
     let (mut points, outputs) = line.points(second_order);
     for body in &y.bodies {
         let tip: &OutputPoint = &outputs[0];
@@ -274,6 +290,29 @@ pub(crate) fn bending_invariants(
     let mut invariants = Invariants::from_points(&points)?;
     add_rotary_inertia(&mut invariants, &outputs[0], [y, z]);
     Ok((invariants, outputs))
+}
+
+/// A beam that bends along y and along z with given shapes.
+fn bending_line<'a>([y, z]: [&'a Beam; 2], [y_shapes, z_shapes]: [&DMatrix<f64>; 2]) -> Line<'a> {
+    let mut modes: Shapes<'a> = Vec::new();
+    for shape in y_shapes.column_iter().map(|c| c.into_owned()) {
+        modes.push(Box::new(move |x| Sample {
+            v: y.deflection(&shape, x),
+            ..Sample::default()
+        }));
+    }
+    for shape in z_shapes.column_iter().map(|c| c.into_owned()) {
+        modes.push(Box::new(move |x| Sample {
+            w: z.deflection(&shape, x),
+            ..Sample::default()
+        }));
+    }
+    Line {
+        breaks: y.nodes(),
+        mass_per_length: Box::new(move |x| y.mass_per_length(x)),
+        width: 0.0,
+        modes,
+    }
 }
 
 /// Adds what the rotary inertia of bodies at the tip contributes to the body's inertia and to the modes' angular momentum.

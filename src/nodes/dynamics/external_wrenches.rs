@@ -1,8 +1,9 @@
-//! Wrenches from outside on links of the robot, and what they have changed.
+//! Wrenches from outside on links of the robot, and what they have changed; steps of the robot under these wrenches,
+//! its thrusters and excitations.
 
 use nalgebra::Vector3;
 
-use super::robot::Robot;
+use super::{excitations::Excitations, robot::Robot};
 use crate::{
     dynamics::{Input, Momentum, State, Workspace},
     model::{Frame, Model},
@@ -58,8 +59,10 @@ pub struct ExternalWrenches {
     is_set: bool,
     /// Poses of the links at a stage of a step.
     workspace: Workspace,
-    /// Joint positions before a step.
+    /// Joint positions and efforts before a step.
     q: Vec<f64>,
+    efforts: Vec<f64>,
+    excitations: Excitations,
 }
 
 /// Most wrenches at a time.
@@ -76,7 +79,23 @@ impl ExternalWrenches {
             is_set: false,
             workspace: Workspace::new(model),
             q: vec![0.0; model.dof()],
+            efforts: vec![0.0; model.dof()],
+            excitations: Excitations::default(),
         }
+    }
+
+    /// The same with excitations.
+    #[must_use]
+    pub fn with_excitations(self, excitations: Excitations) -> Self {
+        Self {
+            excitations,
+            ..self
+        }
+    }
+
+    /// The excitations.
+    pub fn excitations(&self) -> &Excitations {
+        &self.excitations
     }
 
     /// Adds a wrench.
@@ -128,45 +147,86 @@ impl ExternalWrenches {
         self.has_acted.then_some(&self.change)
     }
 
-    /// The first time in `(time, end)` at which a wrench begins or ends, or `end` \[s\].
+    /// The first time in `(time, end)` at which a wrench or an excitation begins or ends, or `end` \[s\].
     pub fn next_change(&self, time: f64, end: f64) -> f64 {
         let times = self.wrenches.iter().flat_map(|w| [w.from, w.until]);
+        let times = times.chain(self.excitations.changes());
         let within = times.filter(|t| *t > time + 1e-12);
         within.fold(end, f64::min)
     }
 
-    /// Steps the robot from `time` \[s\], `steps` times by `dt` \[s\], under the wrenches that act at `time`. What its
-    /// thrusters do counts as well.
+    /// What `read` finds of the robot under the excitations that act at `time` \[s\] as well.
+    pub fn while_excited<T>(
+        &mut self,
+        robot: &mut Robot,
+        time: f64,
+        read: impl FnOnce(&mut Robot) -> T,
+    ) -> T {
+        if !self.excitations.act_from(time) {
+            return read(robot);
+        }
+        let Self { excitations, .. } = self;
+        excitations.save(robot);
+        excitations.add_to(robot, time);
+        let found = read(robot);
+        excitations.restore(robot);
+        found
+    }
+
+    /// Steps the robot from `time` \[s\], `steps` times by `dt` \[s\], under the wrenches and excitations that act at
+    /// `time`. What its thrusters do counts as well.
     pub fn step(&mut self, robot: &mut Robot, time: f64, dt: f64, steps: usize) {
-        if self.wrenches.is_empty() && !self.is_set && !robot.is_firing() {
+        let is_excited = self.excitations.act_from(time);
+        if self.wrenches.is_empty() && !self.is_set && !is_excited && !robot.is_firing() {
             return robot.step(dt, steps);
         }
         self.wrenches.retain(|w| w.until > time + 1e-12);
         let acts = |w: &ExternalWrench| w.from <= time + 1e-12;
-        let any_acts = self.wrenches.iter().any(acts);
+        let any_acts = self.wrenches.iter().any(acts) || self.excitations.push_from(time);
         if !any_acts {
             self.unset(robot);
-            if !robot.is_firing() {
+            if !robot.is_firing() && !is_excited {
                 return robot.step(dt, steps);
             }
         }
-        (self.has_acted, self.is_set) = (true, any_acts);
+        self.is_set = any_acts;
+        // Times of states go on when time is reset.
+        let ahead = time - robot.state().time;
+        if is_excited {
+            self.excitations.save(robot);
+            self.excitations.add_to(robot, time);
+        }
         for _ in 0..steps {
+            let is_pushed = any_acts || robot.is_firing();
             let before = Before::of(robot);
             self.q.copy_from_slice(robot.state().q.as_slice());
+            (self.efforts).copy_from_slice(robot.efforts().as_slice());
             let Self {
                 wrenches,
                 workspace,
+                excitations,
                 ..
             } = self;
-            let mut set_at = |_: f64, state: &State, input: &mut Input| {
-                set(wrenches.iter().filter(|w| acts(w)), state, workspace, input);
+            let mut set_at = |at: f64, state: &State, input: &mut Input, torques: &mut [f64]| {
+                let now = at + ahead;
+                if any_acts {
+                    let held = wrenches.iter().filter(|w| acts(w)).map(|w| (w, 1.0));
+                    let all = held.chain(excitations.wrenches(time, now));
+                    set(all, state, workspace, input);
+                }
+                excitations.add(time, now, input.efforts.as_mut_slice(), torques);
             };
-            match any_acts {
+            match any_acts || is_excited {
                 true => robot.step_with(dt, &mut set_at),
                 false => robot.step(dt, 1),
             }
-            self.record(robot, &before);
+            if is_pushed {
+                self.has_acted = true;
+                self.record(robot, &before);
+            }
+        }
+        if is_excited {
+            self.excitations.restore(robot);
         }
     }
 
@@ -191,12 +251,14 @@ impl ExternalWrenches {
         };
     }
 
-    /// Work of efforts and springs in a step of a rigid robot that began at the positions `self.q` \[J\].
+    /// Work of efforts and springs in a step of a rigid robot that began at the positions `self.q` and with the efforts
+    /// `self.efforts` \[J\].
     fn work_of_joints(&self, robot: &Robot) -> f64 {
         let state = robot.state();
         let joints = robot.model().joints().iter().zip(robot.efforts());
         let of_joints = joints.enumerate().map(|(j, (joint, effort))| {
             let (a, b) = (self.q[j], state.q[j]);
+            let effort = 0.5 * (self.efforts[j] + effort);
             let spring = joint.spring.stiffness * (joint.spring.rest - 0.5 * (a + b));
             (effort + spring) * (b - a)
         });
@@ -226,17 +288,17 @@ impl Before {
     }
 }
 
-/// Sets the wrenches of `input` to those that act in `state`.
+/// Sets the wrenches of `input` to those that act in `state`, each times its factor.
 fn set<'a>(
-    wrenches: impl Iterator<Item = &'a ExternalWrench>,
+    wrenches: impl Iterator<Item = (&'a ExternalWrench, f64)>,
     state: &State,
     workspace: &mut Workspace,
     input: &mut Input,
 ) {
     workspace.set_positions(&state.q);
     input.wrenches.fill(Wrench::ZERO);
-    for wrench in wrenches {
-        input.wrenches[wrench.link.body] += on_body(wrench, state, workspace);
+    for (wrench, factor) in wrenches {
+        input.wrenches[wrench.link.body] += on_body(wrench, state, workspace) * factor;
     }
 }
 

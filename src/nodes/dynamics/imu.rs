@@ -97,7 +97,7 @@ pub(super) fn imu_message(base: &str, params: &ImuParams) -> sensor_msgs::Imu {
 /// Updates a message of [`imu_message`].
 pub(super) fn update_imu(message: &mut sensor_msgs::Imu, stamp: Time, world: &mut World) {
     let params = *world.imu();
-    let acceleration = world.robot.A_WB_B().linear;
+    let acceleration = world.base_acceleration().linear;
     let mut random = StdRng::seed_from_u64(params.seed.rotate_left(32) ^ world.ticks());
     let mut with_noise = |truth: Vector3<f64>, noise: f64| {
         let mut normal = || random.sample::<f64, _>(StandardNormal);

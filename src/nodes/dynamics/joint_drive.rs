@@ -353,6 +353,11 @@ impl JointDrive {
         }
     }
 
+    /// Counts an effort of `joint` that is not the drive's, for `seconds`, among the mean efforts.
+    pub fn add_effort(&mut self, joint: usize, effort: f64, seconds: f64) {
+        self.mean_efforts.add_one(joint, effort, seconds);
+    }
+
     /// Sets the servos' efforts for a step of `dt` \[s\] that begins at `now` \[s\].
     fn set_efforts(&mut self, robot: &mut Robot, mode: DriveMode, now: f64, dt: f64) {
         if mode == DriveMode::Rate {

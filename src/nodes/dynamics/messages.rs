@@ -64,7 +64,9 @@ impl FrameTree {
         let flexible = robot.flexible();
         let bodies = flexible.map_or(&[][..], |r| r.system().modal_bodies());
         Self {
-            attachments: bodies.iter().map(|b| Attachment::of(model, b)).collect(),
+            attachments: (bodies.iter().filter(|b| b.section.is_none()))
+                .map(|b| Attachment::of(model, b))
+                .collect(),
             ..Self::named(model, str::to_owned)
         }
     }
@@ -182,9 +184,12 @@ impl FrameTree {
     }
 }
 
-/// Pose of each deformable body's tip, or first output point, in the frame of its attachment.
+/// Pose of each appendage's tip, or first output point, in the frame of its attachment. The frame of an elastic link is
+/// at its tip.
 fn tip_poses(robot: &FlexibleFloating) -> impl Iterator<Item = Pose> + '_ {
-    robot.system().modal_bodies().iter().filter_map(|body| {
+    let appendages = robot.system().modal_bodies().iter();
+    let appendages = appendages.filter(|body| body.section.is_none());
+    appendages.filter_map(|body| {
         let tip = body.appendage.outputs.first()?;
         let mu = &robot.state().mu()[body.range()];
         let position = Translation3::from(tip.position + tip.displacement(mu));
@@ -321,6 +326,13 @@ pub(super) fn external_impulse_message() -> fuyu_msgs::ExternalImpulse {
         header: header(Time::ZERO, WORLD),
         ..fuyu_msgs::ExternalImpulse::default()
     }
+}
+
+/// What wrenches from outside and thrusters have changed.
+pub fn external_impulse(stamp: Time, change: &ExternalChange) -> fuyu_msgs::ExternalImpulse {
+    let mut message = external_impulse_message();
+    update_external_impulse(&mut message, stamp, change);
+    message
 }
 
 /// Updates a message of [`external_impulse_message`].

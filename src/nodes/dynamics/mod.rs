@@ -16,7 +16,8 @@
 //!
 //! Motions of the whole arm are joint trajectories (topic and action), paths and twists of the tip (`motions`). Each
 //! begins with the joints' present motion, and holds the arm when it is over. Wrenches from outside act on any link
-//! (`wrench_inputs`, `external_wrenches`).
+//! (`wrench_inputs`, `external_wrenches`). Excitations of the scenario add sine waves and pulses to all of these
+//! (`excitations`).
 //!
 //! Torques of wheels are held as joint efforts are, thrusters are on for the time that their command states
 //! (`actuator_inputs`).
@@ -39,6 +40,7 @@ mod clock;
 mod command_arbiter;
 mod command_handling;
 mod divergence;
+mod excitations;
 mod external_wrenches;
 mod free_body;
 mod imu;
@@ -70,7 +72,9 @@ pub use external_wrenches::ExternalChange;
 pub use free_body::FreeBody;
 pub use imu::{ImuParams, imu};
 pub use loops::{EndParams, LoopParams};
-pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry, target_joint_states};
+pub use messages::{
+    FrameTree, WORLD, external_impulse, joint_states, momentum, odometry, target_joint_states,
+};
 pub use params::{
     AppendageParams, Description, DynamicsParams, FlexibleParams, InitialJoints, InitialMotion,
     LockstepOn, TargetParams, ThrusterParams, WheelParams,

@@ -8,7 +8,10 @@ use super::{
         update_odometry, update_target_joint_states,
     },
     params::DynamicsParams,
-    part_messages::{appendage_states, update_appendage_states, update_wheel_states, wheel_states},
+    part_messages::{
+        appendage_outlines, appendage_states, update_appendage_states, update_wheel_states,
+        wheel_states,
+    },
     star_tracker::star_tracker_message,
     target::Target,
     world::World,
@@ -36,9 +39,11 @@ pub struct Outputs {
     momentum: Output<fuyu_msgs::Momentum>,
     /// `None` for a robot without deformable bodies and elastic joints.
     appendages: Option<Output<fuyu_msgs::AppendageStates>>,
+    /// Kept so that late joiners receive the last message; `None` for a robot without appendages.
+    _appendage_outlines: Option<Publisher<fuyu_msgs::AppendageOutlines>>,
     /// `None` for a robot without wheels.
     wheels: Option<Output<sensor_msgs::JointState>>,
-    /// `None` if nobody can apply wrenches or fire thrusters.
+    /// `None` if nothing can act on the robot from outside.
     external_impulse: Option<Output<fuyu_msgs::ExternalImpulse>>,
     imu: Output<sensor_msgs::Imu>,
     /// `None` without a star tracker.
@@ -101,7 +106,16 @@ impl Outputs {
         let tf_static = topics::TF_STATIC.advertise(node)?;
         tf_static.publish(&frames.static_transforms(&world.targets));
         let (base, stamp) = (frames.base(), Time::ZERO);
+        let appendage_outlines = match appendage_outlines(base, &params.flexible.appendages) {
+            Some(message) => {
+                let publisher = topics::APPENDAGE_OUTLINES.advertise(node)?;
+                publisher.publish(&message);
+                Some(publisher)
+            }
+            None => None,
+        };
         Ok(Self {
+            _appendage_outlines: appendage_outlines,
             time: node.clock().clone(),
             clock: match owns_time {
                 true => Some(topics::CLOCK.advertise(node)?),
@@ -136,9 +150,7 @@ impl Outputs {
                 }),
                 None => None,
             },
-            external_impulse: match params.motions.interfaces
-                || !params.flexible.thrusters.is_empty()
-            {
+            external_impulse: match params.motions.interfaces || world.is_acted_on() {
                 true => Some(Output {
                     publisher: topics::EXTERNAL_IMPULSE.advertise(node)?,
                     message: external_impulse_message(),

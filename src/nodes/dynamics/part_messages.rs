@@ -1,9 +1,13 @@
 //! Deformable bodies, elastic joints and wheels as messages, made once and updated in place.
 
-use super::{messages::header, world::World};
+use super::{messages::header, params::AppendageParams, world::World};
 use crate::{
     dynamics::flexible::FlexibleSystem,
-    msg::{fuyu_msgs::AppendageStates, geometry_msgs::Vector3, sensor_msgs::JointState},
+    msg::{
+        fuyu_msgs::{AppendageOutlines, AppendageStates},
+        geometry_msgs::{Point, Vector3},
+        sensor_msgs::JointState,
+    },
     nodes::geometry::vector_to_msg,
     ros::Time,
 };
@@ -55,6 +59,34 @@ pub(super) fn update_appendage_states(message: &mut AppendageStates, stamp: Time
     message.motor_position.copy_from_slice(state.motor_angles());
     message.motor_velocity.copy_from_slice(state.motor_rates());
     message.strain_energy = workspace.strain_energy(state);
+}
+
+/// Points of the appendages that viewers draw; `None` without appendages.
+pub fn appendage_outlines(base: &str, appendages: &[AppendageParams]) -> Option<AppendageOutlines> {
+    if appendages.is_empty() {
+        return None;
+    }
+    let mut message = AppendageOutlines {
+        header: header(Time::ZERO, base),
+        ..AppendageOutlines::default()
+    };
+    let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+    for AppendageParams { body, outline, .. } in appendages {
+        message.name.push(body.name.clone());
+        message.modes.push(count(body.modes()));
+        message.points.push(count(outline.points.len()));
+        message.is_surface.push(outline.is_surface);
+        for point in &outline.points {
+            let p = &point.position;
+            message.position.push(Point {
+                x: p.x,
+                y: p.y,
+                z: p.z,
+            });
+            (message.shape).extend(point.translation.iter().map(vector_to_msg));
+        }
+    }
+    Some(message)
 }
 
 /// Angles and speeds of the wheels relative to their links, and the mean torques of their motors between the last two

@@ -10,8 +10,8 @@ use super::{
 use crate::{
     control::commander::BaseState,
     dynamics::{
-        Floating, Forcing, FormulationKind, Input, Loops, Momentum, State,
-        flexible::{FlexibleFloating, FlexibleState},
+        Floating, FormulationKind, Input, Loops, Momentum, State,
+        flexible::{FlexibleFloating, FlexibleInput, FlexibleState},
     },
     model::{Frame, Model},
     nodes::{choice, geometry::with_matrix},
@@ -254,11 +254,28 @@ impl Robot {
         }
     }
 
-    /// Advances by one step of `dt` \[s\] under the input that `forcing` makes of the held one at every stage.
-    pub fn step_with(&mut self, dt: f64, forcing: &mut impl Forcing) {
+    /// Advances by one step of `dt` \[s\] under what `forcing` makes of the last input at every stage: from time and
+    /// state, joint efforts and wrenches, and wheel torques. Afterwards the input that it gives for the new state is
+    /// held.
+    pub fn step_with(
+        &mut self,
+        dt: f64,
+        forcing: &mut impl FnMut(f64, &State, &mut Input, &mut [f64]),
+    ) {
         match self {
-            Self::Rigid(robot) => robot.step_with(dt, forcing),
-            Self::Flexible(robot) => robot.step_with(dt, forcing),
+            Self::Rigid(robot) => {
+                let mut apply = |time: f64, state: &State, input: &mut Input| {
+                    forcing(time, state, input, &mut []);
+                };
+                robot.step_with(dt, &mut apply);
+            }
+            Self::Flexible(robot) => {
+                let mut apply = |time: f64, state: &FlexibleState, input: &mut FlexibleInput| {
+                    let wheels = input.wheel_torques.as_mut_slice();
+                    forcing(time, &state.tree, &mut input.tree, wheels);
+                };
+                robot.step_with(dt, &mut apply);
+            }
         }
     }
 }

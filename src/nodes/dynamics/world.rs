@@ -6,8 +6,9 @@ mod flexible_tests;
 mod tests;
 
 use super::divergence::{self, StateBackup};
+use super::excitations::Excitations;
 use super::external_wrenches::{ExternalChange, ExternalWrenches};
-use super::free_body::Restorable;
+use super::free_body::{FreeBody as _, Restorable};
 use super::imu::ImuParams;
 use super::joint_command::Setpoint;
 use super::joint_drive::{DriveMode, JointDrive, step_count};
@@ -25,6 +26,7 @@ use crate::{
     },
     dynamics::JointPhysics,
     model::Model,
+    spatial::Twist,
     vision::{StarTracker, StarTrackerFrame},
 };
 
@@ -71,16 +73,16 @@ impl World {
                 "the robot cannot be simulated from its start: {what}"
             ));
         }
+        let wheels = robot.flexible().map_or(&[][..], |r| r.system().wheels());
+        let excitations = Excitations::new(&params.excitations, robot.model(), wheels)?;
         let targets = params.targets.iter();
         let targets =
             targets.map(|target| Target::new(target, params.method, &params.joint_physics));
         Ok(Self {
             not_simulated: not_simulated(&robot, &params.joint_physics),
             drive: JointDrive::new(&robot, &params.drive)?,
-            wheel_torques: MeanEfforts::new(
-                robot.flexible().map_or(0, |r| r.system().wheels().len()),
-            ),
-            wrenches: ExternalWrenches::new(robot.model()),
+            wheel_torques: MeanEfforts::new(wheels.len()),
+            wrenches: ExternalWrenches::new(robot.model()).with_excitations(excitations),
             start: robot.saved(),
             backup: StateBackup::new(&robot),
             robot,
@@ -373,6 +375,13 @@ impl World {
         self.wrenches.change()
     }
 
+    /// Whether the scenario itself acts on the robot from outside, by thrusters or excitations of links.
+    pub fn is_acted_on(&self) -> bool {
+        let robot = self.robot.flexible();
+        let has_thrusters = robot.is_some_and(|r| !r.system().thrusters().is_empty());
+        has_thrusters || self.wrenches.excitations().push()
+    }
+
     /// Wrenches from outside, to add or clear some.
     pub(super) fn wrenches_mut(&mut self) -> &mut ExternalWrenches {
         &mut self.wrenches
@@ -402,14 +411,22 @@ impl World {
         self.release_wheels();
     }
 
-    /// Adds the torques that the wheels' motors give during the next `seconds`.
-    fn add_wheel_torques(&mut self, seconds: f64) {
+    /// Acceleration of the base frame's origin as a point, and angular acceleration, under what acts now; in the world,
+    /// base axes.
+    pub(super) fn base_acceleration(&mut self) -> Twist {
+        let time = self.time.now();
+        (self.wrenches).while_excited(&mut self.robot, time, |robot| robot.A_WB_B())
+    }
+
+    /// Adds the torques that the wheels' motors give from `time` \[s\] for `seconds`.
+    fn add_wheel_torques(&mut self, time: f64, seconds: f64) {
         if let Some(robot) = self.robot.flexible() {
             let wheels = robot.system().wheels().iter();
             let commands = robot.input().wheel_torques.iter();
             let speeds = robot.state().wheel_speeds().iter();
             for (i, (wheel, (command, speed))) in wheels.zip(commands.zip(speeds)).enumerate() {
-                let torque = wheel.limited_torque(*command, *speed, seconds);
+                let excitation = self.wrenches.excitations().mean_torque(i, time, seconds);
+                let torque = wheel.limited_torque(*command + excitation, *speed, seconds);
                 self.wheel_torques.add_one(i, torque, seconds);
             }
         }
@@ -430,7 +447,10 @@ impl World {
                 (false, false) => end - time,
                 (_, true) => next - time,
             };
-            self.add_wheel_torques(part);
+            self.add_wheel_torques(time, part);
+            for (joint, effort) in self.wrenches.excitations().mean_efforts(time, part) {
+                self.drive.add_effort(joint, effort, part);
+            }
             (self.drive).step(
                 &mut self.robot,
                 &mut self.wrenches,

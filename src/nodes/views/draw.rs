@@ -21,6 +21,14 @@ pub const BLUE: ColorRGBA = colour(0.25, 0.45, 0.95);
 /// Colour of angular quantities.
 pub const ORANGE: ColorRGBA = colour(0.95, 0.6, 0.1);
 
+/// Colour of panels.
+pub const PANEL: ColorRGBA = ColorRGBA {
+    r: 0.2,
+    g: 0.3,
+    b: 0.6,
+    a: 0.8,
+};
+
 /// Axes of a frame at `pose`, each `size` long \[m\].
 pub fn axes(group: &str, id: i32, header: Header, pose: Pose, size: f64) -> Marker {
     let mut marker = line(group, id, header, Marker::LINE_LIST, 0.04 * size);
@@ -69,6 +77,31 @@ pub fn curve(
     marker.color = colour;
     if marker.points.len() < 2 {
         marker.action = Marker::DELETE;
+    }
+    marker
+}
+
+/// The surface between points that go along one side and back on the other, as triangles; deleted if there are fewer
+/// than four, or an odd number.
+pub fn surface(
+    group: &str,
+    id: i32,
+    header: Header,
+    edge: &[Vector3<f64>],
+    colour: ColorRGBA,
+) -> Marker {
+    let mut marker = line(group, id, header, Marker::TRIANGLE_LIST, 1.0);
+    (marker.scale.y, marker.scale.z) = (1.0, 1.0);
+    marker.color = colour;
+    if edge.len() < 4 || !edge.len().is_multiple_of(2) {
+        marker.action = Marker::DELETE;
+        return marker;
+    }
+    let (there, back) = edge.split_at(edge.len() / 2);
+    let back: Vec<_> = back.iter().rev().collect();
+    for (a, b) in there.windows(2).zip(back.windows(2)) {
+        let corners = [&a[0], &a[1], b[1], &a[0], b[1], b[0]];
+        marker.points.extend(corners.map(point));
     }
     marker
 }

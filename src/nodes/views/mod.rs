@@ -2,13 +2,19 @@
 //!
 //! It uses ground truth. No other node reads what it publishes.
 
+mod appendages;
 mod draw;
 
 use std::time::Duration;
 
 use super::{geometry::pose_from_msg, topics};
 use crate::{
-    msg::{nav_msgs::Odometry, std_msgs::Header, visualization_msgs::MarkerArray},
+    msg::{
+        fuyu_msgs::{AppendageOutlines, AppendageStates},
+        nav_msgs::Odometry,
+        std_msgs::Header,
+        visualization_msgs::MarkerArray,
+    },
     ros::{Declare, Node, NodeError, Subscription, Time},
 };
 use draw::{arrow, axes, curve};
@@ -117,6 +123,10 @@ struct Scene {
     odometry: Subscription<Odometry>,
     prediction: Subscription<crate::msg::nav_msgs::Path>,
     targets: Vec<Subscription<Odometry>>,
+    appendages: Subscription<AppendageStates>,
+    outlines: Subscription<AppendageOutlines>,
+    /// The last outlines.
+    known_outlines: Option<AppendageOutlines>,
     base: Option<Odometry>,
     /// Stamp of the last odometry.
     last: Time,
@@ -133,6 +143,9 @@ impl Scene {
             targets: (params.targets.iter())
                 .map(|target| topics::TARGET_ODOMETRY.subscribe(node, target))
                 .collect::<Result<_, _>>()?,
+            appendages: topics::APPENDAGES.subscribe(node)?,
+            outlines: topics::APPENDAGE_OUTLINES.subscribe(node)?,
+            known_outlines: None,
             base: None,
             last: Time::ZERO,
             params,
@@ -212,6 +225,12 @@ impl Scene {
                 let points = attitudes.iter().map(|R| centre + R * axis);
                 markers.push(curve("prediction", id, path.header.clone(), points, colour));
             }
+        }
+        if let Some(received) = self.outlines.latest() {
+            self.known_outlines = Some(received.message);
+        }
+        if let (Some(received), Some(outlines)) = (self.appendages.latest(), &self.known_outlines) {
+            markers.extend(appendages::markers(outlines, &received.message));
         }
         MarkerArray { markers }
     }

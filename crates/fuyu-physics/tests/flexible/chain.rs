@@ -4,65 +4,18 @@ use fuyu_physics::dynamics::flexible::{
     FlexibleInput, FlexibleIntegrator, FlexibleState, FlexibleWorkspace, LinearModel,
 };
 use fuyu_physics::dynamics::{Input, IntegrationMethod, Integrator, State, Workspace};
-use fuyu_physics::model::{Joint, JointKind, JointLimits, Model, ModelBuilder, Spring};
-use fuyu_physics::spatial::{Pose, RigidInertia, Wrench};
-use fuyu_structures::{PlateStrip, generalized_eigen};
-use nalgebra::{DMatrix, DVector, Matrix3, Unit, Vector3};
+use fuyu_physics::model::Model;
+use fuyu_physics::spatial::Wrench;
+use fuyu_structures::PlateStrip;
+use nalgebra::{DVector, Vector3};
 
+use crate::segments;
 use crate::support::{POSTURES, fixture_lumped, locked_servicer, mounts, strip, with_panels};
 
-/// A piece of the panel of length `l`, about a point at its root: mass at mid-length.
-fn piece(l: f64) -> RigidInertia {
-    let (width, areal_mass) = (2.0, 3.0);
-    let mass = areal_mass * width * l;
-    let (along, across) = (mass * l * l / 12.0, mass * width * width / 12.0);
-    RigidInertia {
-        mass,
-        com: Vector3::new(l / 2.0, 0.0, 0.0),
-        about_com: Matrix3::from_diagonal(&Vector3::new(across, along, along + across)),
-    }
-}
-
-/// The locked servicer with two panels of `n` hinges each, in the middle of `n` equal parts: at each a bending and a
-/// torsion spring.
+/// The locked servicer with two panels of `n` hinges each.
 fn chain(n: usize, alpha: f64) -> Model {
-    let (length, EI, GJ) = (8.0, 3000.0, 800.0);
-    let h = length / n as f64;
-    let mut base = locked_servicer(&POSTURES[1].1).bodies()[0].inertia;
-    for (_, X_BA) in mounts(alpha) {
-        base = base.merged_with(&piece(h / 2.0).expressed_in(&X_BA));
-    }
-    let mut builder = ModelBuilder::new("chain", "base_link", base);
-    for (name, X_BA) in mounts(alpha) {
-        let mut parent = 0;
-        for i in 0..n {
-            let at = if i == 0 {
-                X_BA * Pose::translation(h / 2.0, 0.0, 0.0)
-            } else {
-                Pose::translation(h, 0.0, 0.0)
-            };
-            let joint = |what: &str, axis: Unit<Vector3<f64>>, X_PJ: Pose, stiffness: f64| Joint {
-                name: format!("{name}_{what}{i}"),
-                kind: JointKind::Continuous,
-                axis,
-                X_PJ,
-                limits: JointLimits::NONE,
-                damping: 0.0,
-                friction: 0.0,
-                spring: Spring {
-                    stiffness,
-                    rest: 0.0,
-                },
-            };
-            let bend = joint("bend", -Vector3::y_axis(), at, EI / h);
-            let label = format!("{name}_hinge{i}");
-            let hinge = builder.joint(&label, parent, bend, RigidInertia::zero());
-            let twist = joint("twist", Vector3::x_axis(), Pose::identity(), GJ / h);
-            let l = if i + 1 == n { h / 2.0 } else { h };
-            parent = builder.joint(&format!("{name}{i}"), hinge, twist, piece(l));
-        }
-    }
-    builder.build()
+    let base = locked_servicer(&POSTURES[1].1).bodies()[0].inertia;
+    segments::chain(&base, &mounts(alpha), n)
 }
 
 /// The locked servicer with modal panels.
@@ -98,14 +51,7 @@ fn frequencies_of_chains_converge_to_the_modal_ones() {
     assert!(crate::support::relative(&exact[..6], &published[..6]) < 1e-6);
     let mut errors = Vec::new();
     for n in [10, 20, 40] {
-        let model = chain(n, 0.0);
-        let M = Workspace::new(&model).reduced_inertia().clone();
-        let springs = model.joints().iter().map(|joint| joint.spring.stiffness);
-        let K = DMatrix::from_diagonal(&DVector::from_iterator(model.dof(), springs));
-        let values = generalized_eigen(&K, &M).unwrap().values;
-        let found = values
-            .iter()
-            .map(|value| value.sqrt() / std::f64::consts::TAU);
+        let found = segments::frequencies_hz(&chain(n, 0.0)).into_iter();
         let error: Vec<f64> = found
             .zip(&exact)
             .map(|(f, e)| f / e - 1.0)

@@ -5,9 +5,10 @@ use fuyu_physics::dynamics::flexible::{
     ElasticJoint, FirstOrderQuantity, FlexibleError, FlexibleInput, FlexibleIntegrator,
     FlexibleState, FlexibleSystem, FlexibleWorkspace, LinearModel, RotorModel, Wheel,
 };
-use fuyu_physics::spatial::{Pose, Twist};
+use fuyu_physics::model::ModelBuilder;
+use fuyu_physics::spatial::{Pose, RigidInertia, Twist};
 use fuyu_structures::ElasticLink;
-use nalgebra::{DVector, Vector3};
+use nalgebra::{DVector, Matrix3, Vector3};
 
 use crate::support::{panel, servicer, servicer_with_panels, with_panels};
 
@@ -211,6 +212,23 @@ fn impossible_parts_are_rejected_with_the_reason() {
         message(builder.clone().wheel(&foreign, wheel)),
         "wheel x: is on link tool0, which is a link of another robot than servicer"
     );
+    // With half the modal mass the panels' first modes move 123 % of their mass: a light base does not have the rest.
+    let mut half = panel(false);
+    half.modal_mass *= 0.5;
+    let on_base = |mass: f64| {
+        let inertia = RigidInertia {
+            mass,
+            com: Vector3::zeros(),
+            about_com: Matrix3::identity() * mass,
+        };
+        let base = ModelBuilder::new("base", "base_link", inertia).build();
+        with_panels(&base, &half, 0.0)
+    };
+    assert!(
+        message(on_base(5.0))
+            .contains("the modes move more mass than the body and what carries it have")
+    );
+    on_base(5000.0).build().unwrap();
     let mut broken = panel(false);
     broken.modal_stiffness[(0, 0)] = -1.0;
     assert!(message(with_panels(&model, &broken, 0.0)).contains("positive definite"));

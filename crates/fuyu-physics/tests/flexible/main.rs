@@ -17,6 +17,7 @@ mod linear;
 mod no_allocation;
 mod runs;
 mod second_order;
+mod segments;
 mod support;
 mod thrusters;
 mod wheels;

@@ -1,7 +1,7 @@
 //! Messages of the space robot nodes of fuyu, for which the packages of ROS have none. The `.msg` files in `msg/` of
 //! that package are the text of these declarations.
 
-use super::geometry_msgs::{Quaternion, Vector3};
+use super::geometry_msgs::{Point, Quaternion, Vector3};
 use super::std_msgs::Header;
 
 crate::messages! {
@@ -61,6 +61,26 @@ crate::messages! {
         motor_velocity: Vec<f64>,
         /// Strain energy of appendages and elastic joints \[J\].
         strain_energy: f64,
+    }
+
+    /// Points of a robot's appendages, and how each mode of fuyu_msgs/AppendageStates moves them: for viewers.
+    message AppendageOutlines {
+        /// The robot's base frame.
+        header: Header,
+        /// Names of the appendages; an attachment frame has the name of its appendage.
+        name: Vec<String>,
+        /// Number of modes of each appendage.
+        modes: Vec<u32>,
+        /// Number of points of each appendage.
+        points: Vec<u32>,
+        /// Whether the points of each appendage go around a surface, along x on one side and back on the other; otherwise
+        /// they are a line.
+        is_surface: Vec<bool>,
+        /// Undeformed positions of all points \[m\], each in its attachment frame.
+        position: Vec<Point>,
+        /// Displacement of each point for each mode of its appendage \[m per unit of mu\], all modes of the first point
+        /// first.
+        shape: Vec<Vector3>,
     }
 
     /// Opens the valves of thrusters.

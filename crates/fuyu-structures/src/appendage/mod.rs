@@ -243,17 +243,18 @@ impl Appendage {
     }
 
     /// Rejects a mass matrix of rigid motion and modes together that is not positive semidefinite: the modes move more mass
-    /// than the body has. A body whose mass is stated as part of its base, as that of the air table of Kida 1993, fails
-    /// this, too. A slender body has no inertia about its axis, so that the matrix may be singular. Each row is scaled by
-    /// its diagonal entry first.
+    /// than there is. `carrier` is the mass matrix of the rigid body that carries this one, for a velocity `(v, w)` of
+    /// the attachment frame about its origin, or zero; the air table of Kida 1993 has the mass of its appendage there.
+    /// A slender body has no inertia about its axis, so that the matrix may be singular. Each row is scaled by its
+    /// diagonal entry first.
     ///
     /// # Errors
     /// [`StructureError::Matrix`].
-    pub fn check_coupled_mass(&self) -> Result<(), StructureError> {
+    pub fn check_coupled_mass(&self, carrier: &Matrix6<f64>) -> Result<(), StructureError> {
         let (n, P) = (self.modes(), self.coupling());
         let mut M = DMatrix::zeros(6 + n, 6 + n);
         M.view_mut((0, 0), (6, 6))
-            .copy_from(&self.rigid_mass_matrix());
+            .copy_from(&(self.rigid_mass_matrix() + carrier));
         M.view_mut((6, 0), (n, 6)).copy_from(&P);
         M.view_mut((0, 6), (6, n)).copy_from(&P.transpose());
         M.view_mut((6, 6), (n, n)).copy_from(&self.modal_mass);
@@ -267,7 +268,7 @@ impl Appendage {
         Err(StructureError::Matrix {
             matrix: format!("{}, mass matrix of body and modes together", self.name),
             property: "positive semidefinite",
-            remedy: "the modes move more mass than the body has: check units, reference point and modal mass",
+            remedy: "the modes move more mass than the body and what carries it have: check units, reference point and modal mass",
         })
     }
 

@@ -1,7 +1,7 @@
 //! The solar panel: finite elements against closed forms, and both against independent values.
 
 use fuyu_structures::{Beam, Cantilever, End, QuadraticRod, Shaft};
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, Matrix6, Vector3};
 
 use crate::support::{fixture, matrix, numbers, panel, strip, worst};
 
@@ -265,11 +265,41 @@ fn impossible_panels_are_rejected_with_field_and_value() {
 #[test]
 fn modes_that_move_more_mass_than_the_body_has_are_rejected() {
     let mut panel = panel(true);
-    panel.check_coupled_mass().unwrap();
+    panel.check_coupled_mass(&Matrix6::zeros()).unwrap();
     panel.modal_mass *= 0.5;
-    let problem = panel.check_coupled_mass().unwrap_err().to_string();
+    let problem = panel
+        .check_coupled_mass(&Matrix6::zeros())
+        .unwrap_err()
+        .to_string();
     assert!(
         problem.contains("mass matrix of body and modes together is not positive semidefinite"),
         "{problem}"
     );
+    // A carrier can have the missing mass.
+    let carrier = Matrix6::from_diagonal_element(2000.0);
+    panel.check_coupled_mass(&carrier).unwrap();
+}
+
+// The outline of viewers: edges clamped at the root, and at the tip the output points of the engine.
+#[test]
+fn the_outline_bends_and_twists_with_the_panel() {
+    let panel = panel(false);
+    let outline = strip(false).outline(8).unwrap();
+    assert!(outline.is_surface && outline.points.len() == 18);
+    let mu = [0.3, -0.05, 0.01, 0.2];
+    let points = outline.deformed(&mu);
+    assert_eq!(points[0], Vector3::new(0.0, 1.0, 0.0));
+    assert_eq!(points[17], Vector3::new(0.0, -1.0, 0.0));
+    for (point, name) in [(points[8], "tip_left"), (points[9], "tip_right")] {
+        let tip = panel.outputs.iter().find(|o| o.name == name).unwrap();
+        let expected = tip.position + tip.displacement(&mu);
+        assert!((point - expected).norm() < 1e-12, "{point} {expected}");
+    }
+    // Halfway by the closed forms, twist times half the width.
+    let bending = Cantilever::new(8.0, 6.0, 3000.0).unwrap();
+    let torsion = Shaft::new(8.0, 2.0, 800.0).unwrap();
+    let w: f64 = (0..3).map(|k| mu[k] * bending.shape(k, 4.0).value).sum();
+    let twist = mu[3] * torsion.shape(0, 4.0).0;
+    assert!((points[4] - Vector3::new(4.0, 1.0, w + twist)).norm() < 1e-12);
+    assert!((points[13] - Vector3::new(4.0, -1.0, w - twist)).norm() < 1e-12);
 }

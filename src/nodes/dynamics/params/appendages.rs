@@ -1,6 +1,6 @@
 //! Parameters of deformable appendages: panels, beams, and bodies whose modes another program has computed.
 
-use fuyu_structures::{Appendage, Beam, Boom, PlateStrip, StructureError, modes_file};
+use fuyu_structures::{Appendage, Beam, Boom, Outline, PlateStrip, StructureError, modes_file};
 use nalgebra::{Rotation3, Translation3};
 
 use super::numbers::{not_negative, positive};
@@ -16,6 +16,9 @@ use crate::{
 
 /// How many finite elements a beam has: the error of its third frequency is then 2.5e-6.
 const ELEMENTS: usize = 32;
+
+/// Into how many parts viewers divide the length.
+const STATIONS: usize = 12;
 
 /// Most modes of a kind.
 const MOST_MODES: i64 = 12;
@@ -45,10 +48,56 @@ pub struct AppendageParams {
     pub X_FA: Pose,
     /// The body.
     pub body: Appendage,
-    /// Modal coordinates at the start, one for each mode, or empty for zero.
-    pub initial_mu: Vec<f64>,
-    /// Modal rates at the start, one for each mode, or empty for zero.
-    pub initial_mud: Vec<f64>,
+    /// Deformation at the start.
+    pub initial: InitialModes,
+    /// Points that viewers draw.
+    pub outline: Outline,
+}
+
+/// Modal coordinates of a deformable body at the start.
+#[derive(Debug, Clone)]
+pub struct InitialModes {
+    /// One for each mode, or empty for zero.
+    pub mu: Vec<f64>,
+    /// Their rates, likewise.
+    pub mud: Vec<f64>,
+}
+
+impl InitialModes {
+    /// Declares `PREFIX.initial_mu` and `PREFIX.initial_mud`, and reads them.
+    pub(super) fn declare(declare: &mut Declare, prefix: &str) -> Self {
+        let mut modal = |parameter: &str, what: &str| {
+            let text = format!("{what} at the start, one for each mode; empty is zero");
+            (declare.param(&format!("{prefix}.{parameter}"), Vec::<f64>::new(), &text))
+                .read_only()
+                .check("finite numbers, one for each mode, or none", |values| {
+                    finite(values, values.len())
+                })
+                .value()
+        };
+        Self {
+            mu: modal("initial_mu", "Modal coordinates [kg^1/2 m]"),
+            mud: modal("initial_mud", "Rates of the modal coordinates [kg^1/2 m/s]"),
+        }
+    }
+
+    /// Checks that there is one for each mode of `body`.
+    ///
+    /// # Errors
+    /// A line that names the parameter and the modes.
+    pub(super) fn check(&self, prefix: &str, body: &Appendage) -> Result<(), String> {
+        for (parameter, values) in [("initial_mu", &self.mu), ("initial_mud", &self.mud)] {
+            if !values.is_empty() && values.len() != body.modes() {
+                return Err(format!(
+                    "parameter {prefix}.{parameter} has {} values; the appendage has {} modes: {}",
+                    values.len(),
+                    body.modes(),
+                    body.mode_names.join(", ")
+                ));
+            }
+        }
+        Ok(())
+    }
 }
 
 impl AppendageParams {
@@ -95,35 +144,16 @@ impl AppendageParams {
             Kind::Beam => declare_beam(declare, name),
             Kind::ModesFile => declare_modes_file(declare, name, lookup),
         };
-        let mut modal = |parameter: &str, what: &str| {
-            let text = format!("{what} at the start, one for each mode; empty is zero");
-            (declare.param(&key(parameter), Vec::<f64>::new(), &text))
-                .read_only()
-                .check("finite numbers, one for each mode, or none", |values| {
-                    finite(values, values.len())
-                })
-                .value()
-        };
-        let initial_mu = modal("initial_mu", "Modal coordinates [kg^1/2 m]");
-        let initial_mud = modal("initial_mud", "Rates of the modal coordinates [kg^1/2 m/s]");
-        let body = body?;
-        for (parameter, values) in [("initial_mu", &initial_mu), ("initial_mud", &initial_mud)] {
-            if !values.is_empty() && values.len() != body.modes() {
-                return Err(format!(
-                    "parameter {name}.{parameter} has {} values; the appendage has {} modes: {}",
-                    values.len(),
-                    body.modes(),
-                    body.mode_names.join(", ")
-                ));
-            }
-        }
+        let initial = InitialModes::declare(declare, name);
+        let (body, outline) = body?;
+        initial.check(name, &body)?;
         let rotation = Rotation3::from_euler_angles(rpy.x, rpy.y, rpy.z);
         Ok(Self {
             link,
             X_FA: Pose::from_parts(Translation3::from(xyz), rotation),
             body,
-            initial_mu,
-            initial_mud,
+            initial,
+            outline,
         })
     }
 }
@@ -147,7 +177,7 @@ fn damping(declare: &mut Declare, name: &str) -> f64 {
     not_negative(declare, &format!("{name}.damping"), 0.005, text)
 }
 
-fn second_order(declare: &mut Declare, name: &str) -> bool {
+pub(super) fn second_order(declare: &mut Declare, name: &str) -> bool {
     declare
         .param(
             &format!("{name}.second_order"),
@@ -163,7 +193,7 @@ fn of_parameter(name: &str, error: &StructureError) -> String {
     format!("parameter {name}.{error}")
 }
 
-fn declare_strip(declare: &mut Declare, name: &str) -> Result<Appendage, String> {
+fn declare_strip(declare: &mut Declare, name: &str) -> Result<(Appendage, Outline), String> {
     let key = |parameter: &str| format!("{name}.{parameter}");
     let length = length(declare, name);
     let width = positive(declare, &key("width"), "Width of the panel [m]");
@@ -205,10 +235,14 @@ fn declare_strip(declare: &mut Declare, name: &str) -> Result<Appendage, String>
         damping,
         second_order,
     };
-    strip.appendage(name).map_err(|e| of_parameter(name, &e))
+    let body = strip.appendage(name).map_err(|e| of_parameter(name, &e))?;
+    let outline = strip
+        .outline(STATIONS)
+        .map_err(|e| of_parameter(name, &e))?;
+    Ok((body, outline))
 }
 
-fn declare_beam(declare: &mut Declare, name: &str) -> Result<Appendage, String> {
+fn declare_beam(declare: &mut Declare, name: &str) -> Result<(Appendage, Outline), String> {
     let key = |parameter: &str| format!("{name}.{parameter}");
     let length = length(declare, name);
     let linear_mass = positive(
@@ -237,14 +271,16 @@ fn declare_beam(declare: &mut Declare, name: &str) -> Result<Appendage, String> 
         damping,
         second_order,
     };
-    boom.appendage(name).map_err(|e| of_parameter(name, &e))
+    let body = boom.appendage(name).map_err(|e| of_parameter(name, &e))?;
+    let outline = boom.outline(STATIONS).map_err(|e| of_parameter(name, &e))?;
+    Ok((body, outline))
 }
 
 fn declare_modes_file(
     declare: &mut Declare,
     name: &str,
     lookup: &dyn Fn(&Declare, &str) -> Lookup,
-) -> Result<Appendage, String> {
+) -> Result<(Appendage, Outline), String> {
     let key = format!("{name}.file");
     let lookup = lookup(declare, &key);
     let file: String = declare
@@ -264,5 +300,6 @@ fn declare_modes_file(
     };
     let mut body = read.map_err(|e| format!("parameter {key}: {e}"))?;
     name.clone_into(&mut body.name);
-    Ok(body)
+    let outline = body.outputs.clone();
+    Ok((body, Outline::of_points(outline)))
 }

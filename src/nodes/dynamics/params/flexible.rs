@@ -3,7 +3,10 @@
 use std::collections::BTreeSet;
 
 use super::{
-    appendages::AppendageParams, elastic_joints::declare_elastic_joints, thrusters::ThrusterParams,
+    appendages::AppendageParams,
+    elastic_joints::declare_elastic_joints,
+    elastic_links::{ElasticLinkParams, declare_elastic_links},
+    thrusters::ThrusterParams,
     wheels::WheelParams,
 };
 use crate::{
@@ -21,6 +24,8 @@ use crate::{
 pub struct FlexibleParams {
     /// Deformable bodies.
     pub appendages: Vec<AppendageParams>,
+    /// Elastic links.
+    pub links: Vec<ElasticLinkParams>,
     /// Elastic joints.
     pub joints: Vec<ElasticJoint>,
     /// Reaction wheels.
@@ -30,8 +35,8 @@ pub struct FlexibleParams {
 }
 
 impl FlexibleParams {
-    /// Declares `appendages`, `joints`, `wheels`, `thrusters` and the parameters of each, and reads them. `lookup` finds
-    /// files relative to that of a parameter.
+    /// Declares `appendages`, `links`, `joints`, `wheels`, `thrusters` and the parameters of each, and reads them.
+    /// `lookup` finds files relative to that of a parameter.
     ///
     /// # Errors
     /// A line that names a parameter with its value, and what would be right.
@@ -77,6 +82,7 @@ impl FlexibleParams {
             .map(|name| ThrusterParams::declare(declare, name))
             .collect();
         let joints = declare_elastic_joints(declare);
+        let links = declare_elastic_links(declare);
         if let Some((list, name)) = twice {
             return Err(format!(
                 "parameter {list}: '{name}' is given twice; appendages, wheels and thrusters need different names"
@@ -84,6 +90,7 @@ impl FlexibleParams {
         }
         Ok(Self {
             appendages: appendages.into_iter().collect::<Result<_, _>>()?,
+            links: links?,
             joints,
             wheels,
             thrusters,
@@ -94,11 +101,13 @@ impl FlexibleParams {
     pub fn is_empty(&self) -> bool {
         let Self {
             appendages,
+            links,
             joints,
             wheels,
             thrusters,
         } = self;
-        appendages.is_empty() && joints.is_empty() && wheels.is_empty() && thrusters.is_empty()
+        let has_deformable = !appendages.is_empty() || !links.is_empty() || !joints.is_empty();
+        !has_deformable && wheels.is_empty() && thrusters.is_empty()
     }
 
     /// `model` with these parts.
@@ -116,6 +125,9 @@ impl FlexibleParams {
             }
             let link = link(model, &params.body.name, &params.link)?;
             builder = builder.appendage(link, params.X_FA, params.body.clone());
+        }
+        for link in &self.links {
+            builder = builder.elastic_link(&link.body.name, link.X_LA, link.body.clone(), 0);
         }
         for joint in &self.joints {
             builder = builder.elastic_joint(joint.clone());
@@ -146,12 +158,14 @@ impl FlexibleParams {
                 state.motor_rates_mut()[e] = joints.qd[j];
             }
         }
-        for (params, body) in self.appendages.iter().zip(system.modal_bodies()) {
-            if !params.initial_mu.is_empty() {
-                state.mu_mut()[body.range()].copy_from_slice(&params.initial_mu);
+        let of_appendages = self.appendages.iter().map(|params| &params.initial);
+        let initial = of_appendages.chain(self.links.iter().map(|params| &params.initial));
+        for (initial, body) in initial.zip(system.modal_bodies()) {
+            if !initial.mu.is_empty() {
+                state.mu_mut()[body.range()].copy_from_slice(&initial.mu);
             }
-            if !params.initial_mud.is_empty() {
-                state.mu_dot_mut()[body.range()].copy_from_slice(&params.initial_mud);
+            if !initial.mud.is_empty() {
+                state.mu_dot_mut()[body.range()].copy_from_slice(&initial.mud);
             }
         }
         for (params, speed) in self.wheels.iter().zip(state.wheel_speeds_mut()) {

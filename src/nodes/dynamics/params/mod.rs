@@ -3,6 +3,8 @@
 mod appendages;
 mod bodies;
 mod elastic_joints;
+mod elastic_links;
+mod excitations;
 mod flexible;
 mod joint_physics;
 mod lockstep;
@@ -33,6 +35,8 @@ use crate::{
 };
 pub use appendages::AppendageParams;
 use bodies::finite_list;
+use excitations::declare_excitations;
+pub use excitations::{ExcitationParams, Excited};
 pub use flexible::FlexibleParams;
 use joint_physics::declare_joint_physics;
 pub use lockstep::LockstepOn;
@@ -60,6 +64,8 @@ pub struct DynamicsParams {
     pub base: InitialMotion,
     /// The robot's flexible parts, wheels and thrusters.
     pub flexible: FlexibleParams,
+    /// Sine waves and pulses on joints, wheels and links.
+    pub excitations: Vec<ExcitationParams>,
     /// Other free-floating bodies.
     pub targets: Vec<TargetParams>,
     /// Namespaces of all robots of this world, if there are several; the first one's node owns the time.
@@ -191,6 +197,7 @@ impl DynamicsParams {
             .value();
         let base = InitialMotion::declare(declare, "base", "base frame");
         let flexible = FlexibleParams::declare(declare, &lookup);
+        let excitations = declare_excitations(declare);
         let names = declare
             .param(
                 "targets",
@@ -424,6 +431,7 @@ impl DynamicsParams {
             loop_tolerance,
             base,
             flexible,
+            excitations: excitations?,
             targets,
             robots,
             resource_folders: AllowedFolders::new(resource_folders),

@@ -267,3 +267,35 @@ fn frames_show_the_deflection() {
     let turned = &tip.transform.rotation;
     assert!(turned.y < -0.01 && turned.x > 0.003, "{turned:?}");
 }
+
+// An elastic link has no frames but that of the link, which moves with the tip: by 2 cm here, without turning.
+#[test]
+fn frames_of_an_elastic_link_move_with_its_tip() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scenario.yaml");
+    let moved = |deflection: f64| {
+        let text = format!(
+            "dynamics:\n  ros__parameters:\n    urdf: package://fuyu/urdf/servicer.urdf\n    time_step: 0.005\n    links:\n      link2:\n        length: 2.5\n        linear_mass: 20.0\n        EI: 2.0e5\n        initial_mu: [{deflection:?}, 0.0, 0.0, 0.0]\n"
+        );
+        std::fs::write(&path, text).unwrap();
+        let scenario = Scenario::read(path.to_str().unwrap()).unwrap();
+        let world = World::new(&scenario.dynamics().unwrap()).unwrap();
+        let frames = FrameTree::new(&world.robot);
+        let fixed = frames.static_transforms(&world.targets).transforms;
+        assert!(fixed.iter().all(|t| t.child_frame_id != "link2"));
+        let moving = frames.transforms(Time::ZERO, &world).transforms;
+        let of = |child: &str| {
+            let mut found = moving.iter().filter(|t| t.child_frame_id == child);
+            let transform = found.next().unwrap();
+            assert!(found.next().is_none(), "{child}");
+            let p = &transform.transform.translation;
+            Vector3::new(p.x, p.y, p.z)
+        };
+        assert!(moving.iter().all(|t| t.child_frame_id != "link2/tip"));
+        [of("link2"), of("link3")]
+    };
+    let ([straight, next], [bent, after]) = (moved(0.0), moved(0.02));
+    assert!(((bent - straight).norm() - 0.02).abs() < 1e-12, "{bent}");
+    // Link 3 is fixed to the section.
+    assert!((after - next).norm() < 1e-12, "{after} {next}");
+}

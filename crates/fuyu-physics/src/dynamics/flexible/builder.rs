@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fuyu_structures::Appendage;
-use nalgebra::Vector3;
+use nalgebra::{Matrix6, Vector3};
 
 use super::composite::Composite;
 use super::error::require;
@@ -87,8 +87,9 @@ impl FlexibleBuilder {
     /// Checks all parts and compiles them.
     ///
     /// # Errors
-    /// [`FlexibleError`] for a robot with mimic joints, a part on a link or joint that the robot lacks, a part that an
-    /// elastic link cannot carry, two parts with one name, or a number out of its range.
+    /// [`FlexibleError`] for a robot with mimic joints, modes that move more mass than their body and its link have, a
+    /// part on a link or joint that the robot lacks, a part that an elastic link cannot carry, two parts with one name,
+    /// or a number out of its range.
     pub fn build(self) -> Result<FlexibleSystem, FlexibleError> {
         let model = &self.model;
         if model.has_mimics() {
@@ -156,6 +157,8 @@ impl FlexibleBuilder {
             let X_BA = frame.X_BF * X_FA;
             bodies[frame.body].modal_bodies.push(modal_bodies.len());
             let body = ModalBody::new(appendage.clone(), frame.body, X_BA, offset, None);
+            let carrier = bodies[frame.body].rigid.mass_matrix();
+            body.in_body.check_coupled_mass(&carrier)?;
             offset += body.modes();
             modal_bodies.push(body);
         }
@@ -196,6 +199,7 @@ impl FlexibleBuilder {
             body.section = Some(number);
             body.modal_bodies.push(modal_bodies.len());
             let placed = ModalBody::new(appendage.clone(), index, *X_BA, offset, Some(*section));
+            placed.in_body.check_coupled_mass(&Matrix6::zeros())?;
             offset += placed.modes();
             // What follows is carried by the section, whose frame has the axes of B while the link is straight.
             let p_BE = placed.in_body.outputs[*section].position;

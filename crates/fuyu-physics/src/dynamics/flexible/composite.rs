@@ -1,6 +1,6 @@
 //! Inertia of a rigid or locked set of bodies, and the articulated inertia of one whose joints and modes move freely.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Matrix6, Vector3};
 
 use crate::spatial::{Pose, RigidInertia, Twist, Wrench};
 
@@ -46,6 +46,16 @@ impl Composite {
             com: self.S / self.mass,
             about_com: self.about_com(),
         }
+    }
+
+    /// Mass matrix for a velocity `(v, w)` of the frame, about its origin.
+    pub fn mass_matrix(&self) -> Matrix6<f64> {
+        let mut M = Matrix6::identity() * self.mass;
+        let S = self.S.cross_matrix();
+        M.fixed_view_mut::<3, 3>(0, 3).copy_from(&-S);
+        M.fixed_view_mut::<3, 3>(3, 0).copy_from(&S);
+        M.fixed_view_mut::<3, 3>(3, 3).copy_from(&self.J);
+        M
     }
 
     /// Momentum at a twist, about the origin.

@@ -2,8 +2,11 @@
 
 use nalgebra::DVector;
 
-use super::{FlexibleInput, FlexibleIntegrator, FlexibleState, FlexibleSystem, FlexibleWorkspace};
-use crate::dynamics::{Forcing, IntegrationMethod, checks};
+use super::{
+    FlexibleForcing, FlexibleInput, FlexibleIntegrator, FlexibleState, FlexibleSystem,
+    FlexibleWorkspace,
+};
+use crate::dynamics::{IntegrationMethod, checks};
 use crate::model::Model;
 use crate::spatial::Pose;
 
@@ -136,9 +139,9 @@ impl FlexibleFloating {
         integrator.steps(state, workspace, dt, steps, &mut hold);
     }
 
-    /// Advances by one step of `dt` \[s\] under the efforts and wrenches that `forcing` makes of the held ones at every
-    /// stage. Afterwards those that it gives for the new state are held.
-    pub fn step_with(&mut self, dt: f64, forcing: &mut impl Forcing) {
+    /// Advances by one step of `dt` \[s\] under the efforts, wrenches and wheel torques that `forcing` makes of the
+    /// held ones at every stage. Afterwards those that it gives for the new state are held.
+    pub fn step_with(&mut self, dt: f64, forcing: &mut impl FlexibleForcing) {
         let Self {
             state,
             workspace,
@@ -147,10 +150,10 @@ impl FlexibleFloating {
         } = self;
         let mut apply = |time: f64, state: &FlexibleState, input: &mut FlexibleInput| {
             input.copy_from(held);
-            forcing.apply(time, &state.tree, &mut input.tree);
+            forcing.apply(time, state, input);
         };
         integrator.step(state, workspace, dt, &mut apply);
-        forcing.apply(state.tree.time, &state.tree, &mut held.tree);
+        forcing.apply(state.tree.time, state, held);
     }
 
     /// Computes the accelerations of all frames at this instant under the held input

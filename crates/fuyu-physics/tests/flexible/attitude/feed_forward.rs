@@ -1,15 +1,13 @@
 //! The arm's momentum, and the base that stays still.
 
-use fuyu_physics::control::attitude::{
-    ArmMomentum, ArmMotion, AttitudeDeviation, AttitudeRegulator, AttitudeTarget, Dvdfb,
-    RegulatorConfig, RegulatorInput,
-};
+use fuyu_physics::control::attitude::{ArmMomentum, RegulatorConfig};
 use fuyu_physics::dynamics::flexible::{
     FlexibleInput, FlexibleIntegrator, FlexibleState, FlexibleWorkspace,
 };
 use fuyu_physics::dynamics::{IntegrationMethod, Workspace};
-use nalgebra::{DVector, UnitQuaternion, Vector3};
+use nalgebra::{DVector, Vector3};
 
+use super::{regulate, regulator};
 use crate::support::{
     POSTURES, Random, efforts, mounts, servicer, servicer_with_wheels, servicer_with_wheels_of,
 };
@@ -71,27 +69,15 @@ fn turn_while_the_arm_moves(feed_forward: bool) -> (f64, Vector3<f64>, Vector3<f
     let mut workspace = FlexibleWorkspace::new(&system);
     workspace.set_state(&state);
     let mut integrator = FlexibleIntegrator::new(&system, IntegrationMethod::Rk4);
-    let law = Dvdfb::diagonal([60.0; 3], [900.0; 3]).unwrap();
     let config = RegulatorConfig {
         feed_forward,
         gyroscopic: false,
         ..RegulatorConfig::new(0.1)
     };
-    let mut regulator = AttitudeRegulator::new(&system, Box::new(law), config).unwrap();
-    let target = AttitudeTarget::fixed(UnitQuaternion::identity());
+    let mut regulator = regulator(&system, config);
     let mut largest = 0.0_f64;
     for _ in 0..300 {
-        let w_WB_B = workspace.V_WB_B().angular;
-        let report = regulator.step(&RegulatorInput {
-            deviation: AttitudeDeviation::new(&state.tree.R_WB, &w_WB_B, &target),
-            w_WB_B,
-            wheel_speeds: Some(state.wheel_speeds()),
-            arm: Some(ArmMotion {
-                q: state.tree.q.as_slice(),
-                qd: state.tree.qd.as_slice(),
-                qdd: None,
-            }),
-        });
+        let report = regulate(&mut regulator, &state, &workspace);
         assert_eq!(report.wheels.saturated, 0);
         let torques = regulator.wheel_torques();
         let mut forcing = |t: f64, s: &FlexibleState, input: &mut FlexibleInput| {

@@ -1,9 +1,6 @@
 //! The arm follows a goal while the wheels hold the base, compared with a base that floats freely.
 
-use fuyu_physics::control::attitude::{
-    ArmMotion, AttitudeDeviation, AttitudeRegulator, AttitudeTarget, Dvdfb, RegulatorConfig,
-    RegulatorInput, UnloadingConfig,
-};
+use fuyu_physics::control::attitude::{RegulatorConfig, UnloadingConfig};
 use fuyu_physics::control::prediction::Prediction;
 use fuyu_physics::control::{
     Controller, ControllerConfig, Gains, LawKind, Measurement, Saturation, TipMeasurement,
@@ -13,8 +10,9 @@ use fuyu_physics::dynamics::flexible::{
     FlexibleInput, FlexibleIntegrator, FlexibleState, FlexibleWorkspace,
 };
 use fuyu_physics::spatial::Pose;
-use nalgebra::{DVector, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{DVector, Translation3, Vector3};
 
+use super::{regulate, regulator};
 use crate::support::{servicer, servicer_with_wheels_and_thrusters};
 
 /// What holds the base.
@@ -73,9 +71,7 @@ fn run(base: Base) -> Outcome {
         }),
         ..RegulatorConfig::new(0.1)
     };
-    let law = Dvdfb::diagonal([60.0; 3], [900.0; 3]).unwrap();
-    let mut regulator = AttitudeRegulator::new(&system, Box::new(law), config).unwrap();
-    let target = AttitudeTarget::fixed(UnitQuaternion::identity());
+    let mut regulator = regulator(&system, config);
     let start = workspace.X_WB(&state) * workspace.X_BF(&tip);
     let goal = |t: f64| -> Pose {
         let s = (t / 40.0).min(1.0);
@@ -96,16 +92,7 @@ fn run(base: Base) -> Outcome {
         let X_WB = workspace.X_WB(&state);
         let w_WB_B = workspace.V_WB_B().angular;
         if base != Base::Free && k % 10 == 0 {
-            let report = regulator.step(&RegulatorInput {
-                deviation: AttitudeDeviation::new(&state.tree.R_WB, &w_WB_B, &target),
-                w_WB_B,
-                wheel_speeds: Some(state.wheel_speeds()),
-                arm: Some(ArmMotion {
-                    q: state.tree.q.as_slice(),
-                    qd: state.tree.qd.as_slice(),
-                    qdd: None,
-                }),
-            });
+            let report = regulate(&mut regulator, &state, &workspace);
             assert_eq!(report.wheels.saturated, 0);
             torques.copy_from_slice(regulator.wheel_torques());
             for (i, time) in regulator.on_times().iter().enumerate() {

@@ -7,9 +7,12 @@ mod feed_forward;
 mod held_base;
 mod unloading;
 
-use fuyu_physics::control::attitude::AttitudePlant;
-use fuyu_physics::dynamics::flexible::FlexibleSystem;
-use nalgebra::DVector;
+use fuyu_physics::control::attitude::{
+    ArmMotion, AttitudeDeviation, AttitudePlant, AttitudeRegulator, AttitudeTarget, Dvdfb,
+    RegulatorConfig, RegulatorInput, RegulatorReport,
+};
+use fuyu_physics::dynamics::flexible::{FlexibleState, FlexibleSystem, FlexibleWorkspace};
+use nalgebra::{DVector, UnitQuaternion};
 use serde_json::Value;
 
 use crate::support::{POSTURES, panel, servicer_with_wheels, with_panels};
@@ -30,6 +33,32 @@ fn plant(posture: &str) -> AttitudePlant {
 
 fn plant_at(system: &FlexibleSystem, q: &[f64]) -> AttitudePlant {
     AttitudePlant::new(system, &DVector::from_row_slice(q)).unwrap()
+}
+
+/// Direct feedback with the gains of the fixtures.
+fn regulator(system: &FlexibleSystem, config: RegulatorConfig) -> AttitudeRegulator {
+    let law = Dvdfb::diagonal([60.0; 3], [900.0; 3]).unwrap();
+    AttitudeRegulator::new(system, Box::new(law), config).unwrap()
+}
+
+/// A control step from the true state towards the axes of the world.
+fn regulate(
+    regulator: &mut AttitudeRegulator,
+    state: &FlexibleState,
+    workspace: &FlexibleWorkspace,
+) -> RegulatorReport {
+    let target = AttitudeTarget::fixed(UnitQuaternion::identity());
+    let w_WB_B = workspace.V_WB_B().angular;
+    regulator.step(&RegulatorInput {
+        deviation: AttitudeDeviation::new(&state.tree.R_WB, &w_WB_B, &target),
+        w_WB_B,
+        wheel_speeds: Some(state.wheel_speeds()),
+        arm: Some(ArmMotion {
+            q: state.tree.q.as_slice(),
+            qd: state.tree.qd.as_slice(),
+            qdd: None,
+        }),
+    })
 }
 
 /// The servicer with its joints locked at `q`, with panels and wheels.

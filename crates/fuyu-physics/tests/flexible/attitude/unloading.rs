@@ -1,16 +1,14 @@
 //! Desaturation of the wheels by thrusters.
 
-use fuyu_physics::control::attitude::{
-    ArmMotion, AttitudeDeviation, AttitudeRegulator, AttitudeTarget, Dvdfb, RegulatorConfig,
-    RegulatorInput, UnloadingConfig,
-};
+use fuyu_physics::control::attitude::{RegulatorConfig, UnloadingConfig};
 use fuyu_physics::dynamics::IntegrationMethod;
 use fuyu_physics::dynamics::flexible::{
     FlexibleInput, FlexibleIntegrator, FlexibleState, FlexibleWorkspace,
 };
 use fuyu_physics::spatial::{Pose, Twist};
-use nalgebra::{DVector, UnitQuaternion, Vector3};
+use nalgebra::{DVector, Vector3};
 
+use super::{regulate, regulator};
 use crate::support::{POSTURES, servicer_with_wheels_and_thrusters};
 
 // The wheels start with 80, -60 and 40 N m s of 100. Unloading starts at once, takes the momentum out of the robot, and
@@ -30,7 +28,6 @@ fn thrusters_take_the_momentum_of_the_wheels() {
     let h = Vector3::new(80.0, -60.0, 40.0);
     assert!((before.angular - h).norm() < 1e-12);
     let mut integrator = FlexibleIntegrator::new(&system, IntegrationMethod::Rk4);
-    let law = Dvdfb::diagonal([60.0; 3], [900.0; 3]).unwrap();
     let config = RegulatorConfig {
         unloading: Some(UnloadingConfig {
             start: 0.7,
@@ -39,22 +36,11 @@ fn thrusters_take_the_momentum_of_the_wheels() {
         }),
         ..RegulatorConfig::new(0.1)
     };
-    let mut regulator = AttitudeRegulator::new(&system, Box::new(law), config).unwrap();
-    let target = AttitudeTarget::fixed(UnitQuaternion::identity());
+    let mut regulator = regulator(&system, config);
     let (mut largest, mut expected, mut ended) = (0.0_f64, Vector3::zeros(), None);
     let mut loads = Vec::new();
     for k in 0..1500 {
-        let w_WB_B = workspace.V_WB_B().angular;
-        let report = regulator.step(&RegulatorInput {
-            deviation: AttitudeDeviation::new(&state.tree.R_WB, &w_WB_B, &target),
-            w_WB_B,
-            wheel_speeds: Some(state.wheel_speeds()),
-            arm: Some(ArmMotion {
-                q: state.tree.q.as_slice(),
-                qd: state.tree.qd.as_slice(),
-                qdd: None,
-            }),
-        });
+        let report = regulate(&mut regulator, &state, &workspace);
         loads.push(report.wheel_load.unwrap());
         assert_eq!(
             report.is_unloading,
