@@ -64,14 +64,17 @@ impl HandlerQueue {
         }
         let is_own = |(r, _): &&(Arc<Reader>, RawSample)| Arc::ptr_eq(r, reader);
         // Counting is only necessary when there could be too many.
-        if state.waiting.len() >= limit && state.waiting.iter().filter(is_own).count() >= limit {
+        let has = |state: &State, number: usize| {
+            state.waiting.len() >= number && state.waiting.iter().filter(is_own).count() >= number
+        };
+        if has(&state, limit) {
             let oldest = state.waiting.iter().position(|entry| is_own(&entry));
             oldest.and_then(|oldest| state.waiting.remove(oldest));
             reader.counters.dropped.fetch_add(1, Relaxed);
         }
         state.waiting.push_back((Arc::clone(reader), sample));
         // A sample that may wait must not make another one of its subscription lose its place.
-        let is_urgent = patience.is_zero() || state.waiting.len() >= limit.div_ceil(2);
+        let is_urgent = patience.is_zero() || has(&state, limit.div_ceil(2));
         let now = Instant::now();
         let due = if is_urgent { now } else { now + patience };
         state.due = Some(state.due.map_or(due, |earlier| earlier.min(due)));
@@ -80,8 +83,10 @@ impl HandlerQueue {
             Sleep::Until(end) => due < end,
             Sleep::Indefinitely => true,
         };
-        drop(state);
         if must_wake {
+            // It is woken once.
+            state.sleep = Sleep::Awake;
+            drop(state);
             self.filled.notify_one();
         }
     }
