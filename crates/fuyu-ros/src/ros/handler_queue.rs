@@ -244,7 +244,11 @@ mod tests {
         assert!(all.recv_timeout(Duration::from_millis(100)).is_err());
         queue.push(&reader, sample(3), Duration::ZERO);
         assert!(all.iter().take(3).eq([1, 2, 3]));
-        // After samples that could wait, the thread expects more of them; they do not wake it.
+        // After samples that could wait, the thread expects more of them; they do not wake it. While it is awake, it would
+        // handle them at once.
+        while !matches!(queue.lock().sleep, Sleep::Until(_)) {
+            thread::yield_now();
+        }
         queue.push(&reader, sample(4), HOUR);
         assert!(all.recv_timeout(Duration::from_millis(100)).is_err());
         queue.push(&reader, sample(5), Duration::from_millis(1));
