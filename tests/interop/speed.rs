@@ -252,9 +252,9 @@ pub fn used(id: u32) -> f64 {
     ticks.sum::<f64>() / 100.0
 }
 
-// Fails when the default graph would leave no processor time on a small computer.
+// A third of this is usual. Fails when threads are woken for each message again.
 #[test]
-fn the_default_graph_costs_less_than_a_core() {
+fn the_default_graph_costs_little_processor_time() {
     let Some(namespace) = Namespace::new("cost") else {
         return;
     };
@@ -270,7 +270,7 @@ fn the_default_graph_costs_less_than_a_core() {
     launch.says("recording to");
     thread::sleep(Duration::from_secs(5));
     let what = "processor time of the default graph over real time";
-    median_below(what, 1.0, || {
+    median_below(what, 0.25, || {
         let (begin, before) = (Instant::now(), used(launch.id()));
         thread::sleep(Duration::from_secs(10));
         (used(launch.id()) - before) / begin.elapsed().as_secs_f64()

@@ -15,6 +15,9 @@ use crate::{
     ros::{Node, NodeError, Qos, Subscription, Time},
 };
 
+/// Interval between two looks at the topics.
+const PERIOD: Duration = Duration::from_millis(50);
+
 /// State of the run, shared with the launch.
 #[derive(Debug, Default)]
 pub struct Progress {
@@ -94,7 +97,7 @@ pub fn program(
     let states: Vec<(_, Subscription<ControllerState>)> =
         states.collect::<Result<_, NodeError>>()?;
     let mut now = 0.0;
-    while node.wait_for(Duration::from_millis(200)) {
+    while node.ok() {
         for (odometry, time) in &mut robots {
             if let Some(received) = odometry.latest() {
                 *time = Time::from(&received.message.header.stamp).as_secs_f64();
@@ -111,7 +114,9 @@ pub fn program(
         }
         if let Some(received) = clock.latest() {
             let time = Time::from(received.message.clock).as_secs_f64();
-            let at = Instant::now();
+            // Since it arrived. A wall clock that is set meanwhile must not matter.
+            let age = Time::wall().since(received.received_time).min(PERIOD);
+            let at = Instant::now().checked_sub(age).unwrap_or_else(Instant::now);
             progress.see(|seen| {
                 // Time that is held at the start has not begun.
                 if time > 0.0 && seen.last.is_none_or(|(last, _)| time > last) {
@@ -125,6 +130,8 @@ pub fn program(
             progress.over.store(true, Ordering::Release);
             return Ok(());
         }
+        // Waiting for messages would wake this node for each of them.
+        std::thread::sleep(PERIOD);
     }
     Ok(())
 }

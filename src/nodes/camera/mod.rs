@@ -26,7 +26,7 @@ use crate::{
     control::StampPairs,
     dynamics::Workspace,
     msg::{geometry_msgs::PoseStamped, nav_msgs, sensor_msgs, std_msgs::Header},
-    ros::{Node, NodeError, Publisher, Status, Subscription, Time},
+    ros::{Node, NodeError, Publisher, Status, Subscription, Time, publish_together},
     spatial::Pose,
     vision::{Pinhole, PoseCamera, PoseFrame},
 };
@@ -255,14 +255,16 @@ impl Topics {
             }
             _ => self.last = Some((stamp, frames.clone())),
         }
-        for frame in &frames {
-            self.tip_pose
-                .publish(&pose_message(frame.time, base, &frame.X_BE));
-            if let Some(X_BD) = &frame.X_BD {
-                self.goal_pose
-                    .publish(&pose_message(frame.time, base, X_BD));
+        publish_together(|| {
+            for frame in &frames {
+                self.tip_pose
+                    .publish(&pose_message(frame.time, base, &frame.X_BE));
+                if let Some(X_BD) = &frame.X_BD {
+                    self.goal_pose
+                        .publish(&pose_message(frame.time, base, X_BD));
+                }
             }
-        }
+        });
         self.status.ok("measuring the tip");
     }
 

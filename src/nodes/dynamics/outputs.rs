@@ -234,6 +234,10 @@ impl Outputs {
 
     /// Publishes the world as it is.
     pub fn publish(&mut self, world: &mut World) {
+        ros::publish_together(|| self.publish_state(world));
+    }
+
+    fn publish_state(&mut self, world: &mut World) {
         self.is_outdated = false;
         let stamp = Time::from_secs_f64(world.time());
         self.time.drive(stamp);

@@ -158,7 +158,7 @@ impl Sink {
         if self.is_clock
             && let Ok(clock) = cdr::decode::<rosgraph_msgs::Clock>(&sample.cdr)
         {
-            self.session.times.begin(clock.clock.into());
+            self.session.times.advance(clock.clock.into());
         }
         self.session.times.write(&handle, topic, sample);
     }

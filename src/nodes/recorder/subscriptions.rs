@@ -8,7 +8,7 @@ use std::{
 
 use super::{Selection, recording_session::RecordingSession};
 use crate::{
-    bag,
+    bag::{self, GATHERING},
     nodes::topics,
     ros::{DiscoveredPublisher, LocalTopicUse, Node, NodeError, Qos, RawSubscription},
 };
@@ -172,7 +172,8 @@ impl TopicSubscriptions {
         let sink = self.session.sink(topic);
         let take = move |sample| sink.take(sample);
         let node = &self.node;
-        let state = match node.subscribe_resolved(name.clone(), &kind, reading(offered), take) {
+        let (full_name, qos) = (name.clone(), reading(offered));
+        let state = match node.subscribe_patiently(full_name, &kind, qos, GATHERING, take) {
             Ok(subscription) => State::Subscribed {
                 _subscription: subscription,
                 stays,

@@ -3,7 +3,7 @@
 use std::{
     sync::{
         Arc, Mutex, PoisonError,
-        atomic::{AtomicU64, Ordering::Relaxed},
+        atomic::{AtomicI64, AtomicU64, Ordering::Relaxed},
     },
     time::{Duration, Instant},
 };
@@ -17,6 +17,8 @@ use crate::{
 /// --use-sim-time`.
 pub struct Times {
     clock: Clock,
+    /// The last `/clock` among the recorded samples \[ns\]; [`NO_CLOCK`] before the first.
+    now: AtomicI64,
     /// Samples that arrived before the first `/clock`; `None` after it.
     early: Mutex<Option<Vec<Early>>>,
     /// Stamp of the last message \[ns\].
@@ -35,11 +37,15 @@ struct Early {
 /// Largest number of samples that wait for the first `/clock`.
 const EARLY: usize = 10_000;
 
+/// No `/clock` was recorded.
+const NO_CLOCK: i64 = i64::MIN;
+
 impl Times {
     /// Stamps from `clock`.
     pub fn new(clock: Clock) -> Self {
         Self {
             clock,
+            now: AtomicI64::new(NO_CLOCK),
             early: Mutex::new(Some(Vec::new())),
             last: AtomicU64::new(0),
             start: (Time::wall(), Instant::now()),
@@ -60,6 +66,13 @@ impl Times {
             }
             _ => self.write_now(handle, topic, sample),
         }
+    }
+
+    /// Samples that are recorded from now on have arrived at the simulated time `now`, or later. They are recorded a moment
+    /// after their arrival, when the node's clock has advanced already.
+    pub fn advance(&self, now: Time) {
+        self.now.store(now.as_nanos(), Relaxed);
+        self.begin(now);
     }
 
     /// Writes the waiting samples with the stamp `now`: the first `/clock` has arrived, or recording ends.
@@ -83,7 +96,10 @@ impl Times {
     fn write_now(&self, handle: &RecorderHandle, topic: &RecorderTopic, sample: RawSample) {
         let simulated = self.clock.is_simulated();
         let received = if simulated {
-            self.clock.now()
+            match self.now.load(Relaxed) {
+                NO_CLOCK => self.clock.now(),
+                nanos => Time::from_nanos(nanos),
+            }
         } else {
             let now = self.start.0 + self.start.1.elapsed();
             advancing(sample.received_time, now)

@@ -51,6 +51,8 @@ pub use info::{Info, TopicSummary};
 pub use mcap_file::Damage;
 pub use qos::{Durability, History, Liveliness, Qos, QosDuration, Reliability};
 pub use reader::{Bag, Message, Messages, RecordedTopic, Stamped};
-pub use recorder::{QUEUE_BYTES, Recorder, RecorderHandle, RecorderStatus, RecorderTopic};
+pub use recorder::{
+    GATHERING, QUEUE_BYTES, Recorder, RecorderHandle, RecorderStatus, RecorderTopic,
+};
 pub use recover::{Recovery, recover};
 pub use writer::{Compression, Recording, Topic, TopicId, Writer, WriterOptions};

@@ -4,16 +4,20 @@ use bytes::Bytes;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender, TryRecvError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::thread::{self, JoinHandle, Thread};
 use std::time::{Duration, Instant};
 
 use super::disk_space::DiskSpace;
 use super::{BagError, Recording, Topic, Writer};
 
-/// Longest time that a message stays in an open chunk; a killed process loses the open chunk.
-const CHUNK_AGE: Duration = Duration::from_secs(1);
+/// Longest time that a message stays in an open chunk; a killed process loses the open chunk, and what waits for the
+/// thread: a second altogether, if samples waited for [`GATHERING`] before they were enqueued, too.
+const CHUNK_AGE: Duration = Duration::from_millis(900);
+
+/// How long messages may wait for the thread, which writes several at once instead of being woken for each.
+pub const GATHERING: Duration = Duration::from_millis(50);
 
 /// Queue capacity in bytes before messages are dropped: more than three seconds at 20 MB/s.
 pub const QUEUE_BYTES: usize = 64 << 20;
@@ -61,6 +65,17 @@ struct Shared {
     topics: Mutex<HashMap<String, (Topic, Arc<RecorderTopic>)>>,
     failure: Mutex<Option<String>>,
     space: Arc<DiskSpace>,
+    /// The thread that writes.
+    thread: OnceLock<Thread>,
+}
+
+impl Shared {
+    /// Ends the thread's wait for more messages.
+    fn hurry(&self) {
+        if let Some(thread) = self.thread.get() {
+            thread.unpark();
+        }
+    }
 }
 
 enum Entry {
@@ -125,11 +140,13 @@ impl Recorder {
             topics: Mutex::default(),
             failure: Mutex::default(),
             space: Arc::clone(writer.space()),
+            thread: OnceLock::new(),
         });
         let for_thread = shared.clone();
-        let thread = std::thread::Builder::new()
+        let thread = thread::Builder::new()
             .name("bag".into())
             .spawn(move || {
+                let _ = for_thread.thread.set(thread::current());
                 let result = run(writer, &receiver, &for_thread);
                 if let Err(e) = &result {
                     *lock(&for_thread.failure) = Some(e.to_string());
@@ -157,6 +174,7 @@ impl Recorder {
         self.handle.shared.space.give_up_after(LAST_WAIT);
         // An error here means that the thread has already ended; it reports the reason.
         let _ = self.handle.sender.send(Entry::Finish);
+        self.handle.shared.hurry();
         let mut recording = self
             .thread
             .join()
@@ -227,6 +245,10 @@ impl RecorderHandle {
                 .is_ok();
         if sent {
             topic.accepted.fetch_add(1, Ordering::Relaxed);
+            let half = self.shared.capacity / 2;
+            if queued <= half && queued + len > half {
+                self.shared.hurry();
+            }
         } else {
             self.shared.queued.fetch_sub(len, Ordering::Relaxed);
             topic.dropped.fetch_add(1, Ordering::Relaxed);
@@ -256,6 +278,7 @@ impl RecorderHandle {
         let folder = &self.shared.folder;
         let gone = || BagError::ThreadGone(folder.clone());
         self.sender.send(entry(done)).map_err(|_| gone())?;
+        self.shared.hurry();
         loop {
             match wait.recv_timeout(Duration::from_millis(100)) {
                 Ok(()) => return Ok(()),
@@ -320,10 +343,19 @@ fn run(
     let mut topics = Vec::new();
     // Deadline for closing the open chunk.
     let mut due: Option<Instant> = None;
+    // After a message more are likely.
+    let mut gathers = false;
     loop {
-        let entry = match due {
-            None => receiver.recv().map_err(RecvTimeoutError::from),
-            Some(t) => receiver.recv_timeout(t.saturating_duration_since(Instant::now())),
+        let mut waiting = receiver.try_recv();
+        if gathers && matches!(waiting, Err(TryRecvError::Empty)) {
+            gathers = false;
+            thread::park_timeout(GATHERING);
+            waiting = receiver.try_recv();
+        }
+        let entry = match (waiting, due) {
+            (Ok(entry), _) => Ok(entry),
+            (Err(_), None) => receiver.recv().map_err(RecvTimeoutError::from),
+            (Err(_), Some(t)) => receiver.recv_timeout(t.saturating_duration_since(Instant::now())),
         };
         match entry {
             Ok(Entry::Message {
@@ -338,6 +370,7 @@ fn run(
                 shared.written.fetch_add(1, Ordering::Relaxed);
                 shared.files.store(writer.files(), Ordering::Relaxed);
                 due.get_or_insert_with(|| Instant::now() + CHUNK_AGE);
+                gathers = true;
             }
             Ok(Entry::Topic(topic)) => topics.push(writer.add_topic(topic)?),
             Ok(Entry::Flush(done)) => {

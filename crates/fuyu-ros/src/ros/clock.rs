@@ -8,7 +8,13 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::{Time, events::Events};
+use super::{
+    Time,
+    endpoint::{Counters, Inbox, Origin},
+    events::Events,
+    local_delivery::LocalSample,
+};
+use crate::msg::{cdr, rosgraph_msgs};
 
 /// The time of a node. Clones show the same time.
 #[derive(Debug, Clone)]
@@ -76,7 +82,7 @@ impl Clock {
         }
         self.inner.now.store(now.as_nanos(), Ordering::Release);
         if self.is_simulated() {
-            self.inner.events.notify();
+            self.inner.events.notify_of_message();
         }
     }
 
@@ -86,6 +92,22 @@ impl Clock {
             return None;
         }
         Instant::now().checked_add(time.since(Time::wall()))
+    }
+}
+
+impl Inbox for Clock {
+    /// Sets the time in the thread that publishes or receives: no other thread has to be woken for it.
+    fn accept(&self, sample: LocalSample, _: Origin, _: &Counters) -> bool {
+        let LocalSample { raw, message } = sample;
+        let now = match message.and_then(|m| m.downcast::<rosgraph_msgs::Clock>().ok()) {
+            Some(message) => Time::from(&message.clock),
+            None => match cdr::decode::<rosgraph_msgs::Clock>(&raw.cdr) {
+                Ok(message) => Time::from(&message.clock),
+                Err(_) => return false,
+            },
+        };
+        self.set(now);
+        true
     }
 }
 

@@ -409,7 +409,16 @@ pub(super) enum Destination {
     /// A queue, filled by the thread that publishes or receives.
     Inbox(Arc<dyn Inbox>),
     /// A handler, which runs on the receiving thread of the node.
-    Handler(Sink, Arc<HandlerQueue>),
+    Handler(Handler),
+}
+
+/// A handler of samples.
+pub(super) struct Handler {
+    pub(super) sink: Sink,
+    /// How long a sample may wait, so that the thread is not woken for each; zero if it is to be handled at once.
+    pub(super) patience: Duration,
+    /// The samples of the node that wait.
+    pub(super) queue: Arc<HandlerQueue>,
 }
 
 /// One subscription below its handle.
@@ -454,8 +463,8 @@ impl Reader {
                 }
                 is_valid
             }
-            Destination::Handler(_, queue) => {
-                queue.push(self, sample.raw);
+            Destination::Handler(handler) => {
+                handler.queue.push(self, sample.raw, handler.patience);
                 true
             }
         }

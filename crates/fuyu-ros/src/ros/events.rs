@@ -1,8 +1,9 @@
 //! Wake-up of a node's program, and its stop request.
 
 use std::{
+    cell::RefCell,
     sync::{
-        Arc, Condvar, Mutex, OnceLock, PoisonError,
+        Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError,
         atomic::{AtomicBool, Ordering},
     },
     time::Instant,
@@ -11,30 +12,57 @@ use std::{
 /// Counts events, so that one that comes between two waits is not missed.
 #[derive(Debug, Default)]
 pub(super) struct Events {
-    count: Mutex<u64>,
+    state: Mutex<Count>,
     changed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct Count {
+    events: u64,
+    /// Threads that wait. Without any, nobody needs to be woken, which is a system call.
+    waiting: usize,
 }
 
 impl Events {
     /// Counts an event and wakes all waiting threads.
     pub(super) fn notify(&self) {
-        *self.count.lock().unwrap_or_else(PoisonError::into_inner) += 1;
-        self.changed.notify_all();
+        let mut state = self.lock();
+        state.events += 1;
+        let is_awaited = state.waiting > 0;
+        drop(state);
+        if is_awaited {
+            self.changed.notify_all();
+        }
+    }
+
+    /// As [`Self::notify`], or at the end of [`publish_together`] if this thread is in it.
+    pub(super) fn notify_of_message(self: &Arc<Self>) {
+        let is_held = HELD.with_borrow_mut(|held| {
+            let Some(held) = held else { return false };
+            if !held.iter().any(|events| Arc::ptr_eq(events, self)) {
+                held.push(Arc::clone(self));
+            }
+            true
+        });
+        if !is_held {
+            self.notify();
+        }
     }
 
     /// The number of events so far.
     pub(super) fn count(&self) -> u64 {
-        *self.count.lock().unwrap_or_else(PoisonError::into_inner)
+        self.lock().events
     }
 
     /// Waits until the count differs from `seen` or `deadline` has passed. Returns the count.
     pub(super) fn wait(&self, seen: u64, deadline: Option<Instant>) -> u64 {
-        let mut count = self.count.lock().unwrap_or_else(PoisonError::into_inner);
-        while *count == seen {
-            count = match deadline {
+        let mut state = self.lock();
+        state.waiting += 1;
+        while state.events == seen {
+            state = match deadline {
                 None => self
                     .changed
-                    .wait(count)
+                    .wait(state)
                     .unwrap_or_else(PoisonError::into_inner),
                 Some(deadline) => {
                     let now = Instant::now();
@@ -42,14 +70,45 @@ impl Events {
                         break;
                     }
                     self.changed
-                        .wait_timeout(count, deadline - now)
+                        .wait_timeout(state, deadline - now)
                         .unwrap_or_else(PoisonError::into_inner)
                         .0
                 }
             };
         }
-        *count
+        state.waiting -= 1;
+        state.events
     }
+
+    fn lock(&self) -> MutexGuard<'_, Count> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+thread_local! {
+    /// Programs to wake at the end of [`publish_together`]; `None` outside it.
+    static HELD: RefCell<Option<Vec<Arc<Events>>>> = const { RefCell::new(None) };
+}
+
+/// Publishes several messages that belong together, such as all of one state. They enter the queues of their
+/// subscriptions at once, as always; programs of the same participant that wait are woken once, after the last message,
+/// instead of once per message.
+pub fn publish_together<R>(publish: impl FnOnce() -> R) -> R {
+    /// Wakes also if `publish` panics.
+    struct Wake;
+    impl Drop for Wake {
+        fn drop(&mut self) {
+            for events in HELD.take().into_iter().flatten() {
+                events.notify();
+            }
+        }
+    }
+    if HELD.with_borrow(Option::is_some) {
+        return publish();
+    }
+    HELD.set(Some(Vec::new()));
+    let _wake = Wake;
+    publish()
 }
 
 /// Whether a node has to stop, and the failure if that is the reason.
@@ -86,5 +145,62 @@ impl StopState {
 
     pub(super) fn failure(&self) -> Option<&String> {
         self.failure.get()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::{thread, time::Duration};
+
+    // Would break if a program were woken for each message, not at all, or after an inner group already.
+    #[test]
+    fn messages_published_together_are_one_event_at_the_end() {
+        let (a, b) = (Arc::<Events>::default(), Arc::<Events>::default());
+        publish_together(|| {
+            for _ in 0..3 {
+                a.notify_of_message();
+            }
+            publish_together(|| b.notify_of_message());
+            assert_eq!((a.count(), b.count()), (0, 0));
+        });
+        assert_eq!((a.count(), b.count()), (1, 1));
+        a.notify_of_message();
+        assert_eq!(a.count(), 2);
+    }
+
+    // Would break if a panic left the programs asleep, or all later messages of the thread unnoticed.
+    #[test]
+    fn a_panic_among_messages_published_together_wakes_nevertheless() {
+        let events = Arc::<Events>::default();
+        let publisher = Arc::clone(&events);
+        let outcome = std::panic::catch_unwind(move || {
+            publish_together(|| {
+                publisher.notify_of_message();
+                panic!("in the middle");
+            })
+        });
+        assert!(outcome.is_err());
+        assert_eq!(events.count(), 1);
+        events.notify_of_message();
+        assert_eq!(events.count(), 2);
+    }
+
+    // Would break if an event were not passed on to a thread that waits already.
+    #[test]
+    fn an_event_wakes_every_thread_that_waits() {
+        let events = Arc::<Events>::default();
+        let deadline = Instant::now() + Duration::from_secs(20);
+        let waiting = [(); 2].map(|()| {
+            let events = Arc::clone(&events);
+            thread::spawn(move || events.wait(0, Some(deadline)))
+        });
+        while events.lock().waiting < 2 {
+            thread::yield_now();
+        }
+        events.notify();
+        assert_eq!(waiting.map(|thread| thread.join().unwrap()), [1, 1]);
+        assert!(Instant::now() < deadline);
+        assert_eq!(events.lock().waiting, 0);
     }
 }

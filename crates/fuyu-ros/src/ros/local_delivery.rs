@@ -20,7 +20,7 @@ use std::{
 
 use super::{
     Gid, Qos, RawSample, Time,
-    endpoint::{EndpointSpec, Origin, Reader, Writer},
+    endpoint::{Destination, EndpointSpec, Origin, Reader, Writer},
     qos::{Durability, Liveliness},
 };
 
@@ -89,6 +89,8 @@ struct Members {
 
 struct LocalWriter {
     writer: Arc<Writer>,
+    /// Subscriptions that are matched with it, in the order of their creation.
+    matched: Vec<Arc<Reader>>,
     sent: i64,
     /// For late joiners, of transient-local publishers.
     kept: VecDeque<(Instant, LocalSample)>,
@@ -108,14 +110,19 @@ impl LocalTopic {
     pub(super) fn add_writer(&self, writer: &Arc<Writer>) -> Vec<Mismatch> {
         let mut members = self.lock();
         let mut mismatches = Vec::new();
+        let mut matched = Vec::new();
         for reader in &members.readers {
             match check(&writer.spec, &reader.spec) {
-                Ok(()) => connect(writer, reader),
+                Ok(()) => {
+                    connect(writer, reader);
+                    matched.push(Arc::clone(reader));
+                }
                 Err(mismatch) => mismatches.push(mismatch),
             }
         }
         members.writers.push(LocalWriter {
             writer: Arc::clone(writer),
+            matched,
             sent: 0,
             kept: VecDeque::new(),
         });
@@ -127,12 +134,14 @@ impl LocalTopic {
     pub(super) fn add_reader(&self, reader: &Arc<Reader>) -> Vec<Mismatch> {
         let mut members = self.lock();
         let mut mismatches = Vec::new();
-        for LocalWriter { writer, kept, .. } in &members.writers {
+        for local in &mut members.writers {
+            let LocalWriter { writer, kept, .. } = local;
             if let Err(mismatch) = check(&writer.spec, &reader.spec) {
                 mismatches.push(mismatch);
                 continue;
             }
             connect(writer, reader);
+            local.matched.push(Arc::clone(reader));
             if reader.spec.qos.durability == Durability::TransientLocal {
                 let lifespan = writer.spec.qos.lifespan;
                 let lives = |at: &Instant| lifespan.is_none_or(|span| at.elapsed() <= span);
@@ -148,13 +157,10 @@ impl LocalTopic {
     /// Removes a publisher, with what it has kept.
     pub(super) fn remove_writer(&self, writer: &Arc<Writer>) {
         let mut members = self.lock();
-        let before = members.writers.len();
-        members.writers.retain(|w| !Arc::ptr_eq(&w.writer, writer));
-        if members.writers.len() < before {
-            for reader in &members.readers {
-                if check(&writer.spec, &reader.spec).is_ok() {
-                    reader.counters.local.fetch_sub(1, Relaxed);
-                }
+        let own = |w: &LocalWriter| Arc::ptr_eq(&w.writer, writer);
+        if let Some(index) = members.writers.iter().position(own) {
+            for reader in members.writers.remove(index).matched {
+                reader.counters.local.fetch_sub(1, Relaxed);
             }
         }
     }
@@ -162,13 +168,14 @@ impl LocalTopic {
     /// Removes a subscription; it receives nothing from then on.
     pub(super) fn remove_reader(&self, reader: &Arc<Reader>) {
         let mut members = self.lock();
-        let before = members.readers.len();
         members.readers.retain(|r| !Arc::ptr_eq(r, reader));
-        if members.readers.len() < before {
-            for LocalWriter { writer, .. } in &members.writers {
-                if check(&writer.spec, &reader.spec).is_ok() {
-                    writer.counters.local.fetch_sub(1, Relaxed);
-                }
+        for LocalWriter {
+            writer, matched, ..
+        } in &mut members.writers
+        {
+            if let Some(index) = matched.iter().position(|r| Arc::ptr_eq(r, reader)) {
+                matched.remove(index);
+                writer.counters.local.fetch_sub(1, Relaxed);
             }
         }
     }
@@ -177,16 +184,17 @@ impl LocalTopic {
     pub(super) fn deliver(&self, writer: &Arc<Writer>, outgoing: Outgoing) -> usize {
         let latched = writer.spec.qos.durability == Durability::TransientLocal;
         let mut members = self.lock();
-        let Members { writers, readers } = &mut *members;
         let own = |w: &&mut LocalWriter| Arc::ptr_eq(&w.writer, writer);
-        let Some(state) = writers.iter_mut().find(own) else {
+        let Some(state) = members.writers.iter_mut().find(own) else {
             return 0;
         };
         state.sent += 1;
-        let matched = |reader: &&Arc<Reader>| check(&writer.spec, &reader.spec).is_ok();
-        if !latched && !readers.iter().any(|r| matched(&r)) {
+        if !latched && state.matched.is_empty() {
             return 0;
         }
+        // Handlers get bytes only.
+        let has_queue = |r: &Arc<Reader>| matches!(r.destination, Destination::Inbox(_));
+        let is_shared = latched || state.matched.iter().any(has_queue);
         let now = Time::wall();
         let gid = writer.identity();
         let identity = outgoing.identity.unwrap_or(SampleIdentity {
@@ -203,7 +211,7 @@ impl LocalTopic {
                 related: outgoing.related,
                 identity,
             },
-            message: outgoing.message.map(|share| share()),
+            message: outgoing.message.filter(|_| is_shared).map(|share| share()),
         };
         if latched {
             while state.kept.len() >= writer.spec.qos.depth.max(1) {
@@ -211,12 +219,10 @@ impl LocalTopic {
             }
             state.kept.push_back((Instant::now(), sample.clone()));
         }
-        let mut count = 0;
-        for reader in readers.iter().filter(matched) {
+        for reader in &state.matched {
             reader.receive(sample.clone(), Origin::Local);
-            count += 1;
         }
-        count
+        state.matched.len()
     }
 
     /// Whether a publisher with this GID is matched with a subscription.

@@ -122,6 +122,7 @@ pub use context::{DiscoveryRange, Domain, DomainError};
 pub use diagnostics::{Diagnostics, Status};
 pub use discovery::{DiscoveredPublisher, LocalTopicUse};
 pub use error::NodeError;
+pub use events::publish_together;
 pub use lifecycle::{Lifecycle, LifecycleState, Transition};
 pub use names::NodeName;
 pub use node::{Node, NodeOptions};

@@ -142,12 +142,30 @@ impl Node {
         qos: Qos,
         handler: impl Fn(RawSample) + Send + Sync + 'static,
     ) -> Result<RawSubscription, NodeError> {
+        self.subscribe_patiently(name, type_name, qos, Duration::ZERO, handler)
+    }
+
+    /// As [`Self::subscribe_resolved`], with a handler that may run up to `patience` after a sample has arrived, or later
+    /// than that while the thread is busy. The receiving thread then handles all samples of that time at once, in the order
+    /// of their arrival, which costs much less than being woken for each. Calls of services of the node do not wait.
+    ///
+    /// # Errors
+    /// As [`Self::subscribe_resolved`].
+    pub fn subscribe_patiently(
+        &self,
+        name: String,
+        type_name: &str,
+        qos: Qos,
+        patience: Duration,
+        handler: impl Fn(RawSample) + Send + Sync + 'static,
+    ) -> Result<RawSubscription, NodeError> {
         let spec = raw_spec(name, type_name, qos)?;
         let sink = move |sample: RawSample, _: &Counters| {
             handler(sample);
             true
         };
-        let reader = self.core.add_reader(spec, Box::new(sink))?;
+        let sink = Box::new(sink);
+        let reader = self.core.add_patient_reader(spec, sink, patience)?;
         Ok(RawSubscription::new(Arc::clone(&self.core), reader))
     }
 

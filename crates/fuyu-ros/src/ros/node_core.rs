@@ -1,14 +1,17 @@
 //! State of a node that its handle, endpoints and threads share; it outlives DDS participants.
 
 use rustdds::{bytes::Bytes, rpc::SampleIdentity};
-use std::sync::{
-    Arc, Mutex, OnceLock, PoisonError,
-    atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
+use std::{
+    sync::{
+        Arc, Mutex, OnceLock, PoisonError,
+        atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
+    },
+    time::Duration,
 };
 
 use super::{
-    Clock, Diagnostics, Domain, NodeError, NodeName, Qos, RawSample,
-    endpoint::{Counters, Destination, EndpointSpec, Inbox, Member, Reader, Sink, Writer},
+    Clock, Diagnostics, Domain, NodeError, NodeName, Qos,
+    endpoint::{Destination, EndpointSpec, Handler, Inbox, Member, Reader, Sink, Writer},
     events::{Events, StopState},
     handler_queue::HandlerQueue,
     local_delivery::{AnyMessage, Outgoing},
@@ -119,7 +122,22 @@ impl NodeCore {
         spec: EndpointSpec,
         sink: Sink,
     ) -> Result<Arc<Reader>, NodeError> {
-        let destination = Destination::Handler(sink, Arc::clone(&self.handlers));
+        self.add_patient_reader(spec, sink, Duration::ZERO)
+    }
+
+    /// The same; samples may wait for `patience` so that the thread handles several at once.
+    pub(super) fn add_patient_reader(
+        &self,
+        spec: EndpointSpec,
+        sink: Sink,
+        patience: Duration,
+    ) -> Result<Arc<Reader>, NodeError> {
+        let handler = Handler {
+            sink,
+            patience,
+            queue: Arc::clone(&self.handlers),
+        };
+        let destination = Destination::Handler(handler);
         self.participant.add_reader(&self.name, spec, destination)
     }
 
@@ -195,12 +213,7 @@ impl NodeCore {
         if simulated && !*following {
             let topic = self.names.topic("/clock")?;
             let spec = EndpointSpec::topic::<rosgraph_msgs::Clock>(&topic, Qos::CLOCK_SUBSCRIPTION);
-            let clock = self.clock.clone();
-            let sink = move |sample: RawSample, _: &Counters| {
-                let message = cdr::decode::<rosgraph_msgs::Clock>(&sample.cdr);
-                message.map(|m| clock.set(m.clock.into())).is_ok()
-            };
-            self.add_reader(spec.shared(), Box::new(sink))?;
+            self.add_queue(spec.shared(), Arc::new(self.clock.clone()))?;
             *following = true;
         }
         self.clock.simulate(simulated);

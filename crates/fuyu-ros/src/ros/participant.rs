@@ -357,8 +357,8 @@ impl Participant {
         }
         drop(connection);
         reader.local.remove_reader(reader);
-        if let Destination::Handler(_, queue) = &reader.destination {
-            queue.flush(reader, LAST_SAMPLES);
+        if let Destination::Handler(handler) = &reader.destination {
+            handler.queue.flush(reader, LAST_SAMPLES);
         }
     }
 

@@ -4,7 +4,7 @@ use std::{
     collections::VecDeque,
     sync::{
         Arc, Condvar, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicBool, Ordering::Relaxed},
+        atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed},
     },
     time::Duration,
 };
@@ -51,6 +51,8 @@ type Entry<M> = (Origin, Received<Arc<M>>);
 pub(super) struct ReceiveQueue<M> {
     queue: Mutex<VecDeque<Entry<M>>>,
     arrived: Condvar,
+    /// Threads that wait for `arrived`; changed under the lock of the queue only.
+    waiting: AtomicUsize,
     /// Longest queue of each origin.
     local_limit: usize,
     remote_limit: usize,
@@ -65,6 +67,7 @@ impl<M: Interface> ReceiveQueue<M> {
         Self {
             queue: Mutex::default(),
             arrived: Condvar::new(),
+            waiting: AtomicUsize::new(0),
             local_limit: spec.queue_limit(Origin::Local),
             remote_limit: spec.queue_limit(Origin::Remote),
             is_separate: AtomicBool::new(false),
@@ -92,10 +95,12 @@ impl<M: Interface> ReceiveQueue<M> {
     /// The oldest message, waiting for it at most `patience`.
     pub(super) fn wait(&self, patience: Duration) -> Option<Received<M>> {
         let queue = self.lock();
+        self.waiting.fetch_add(1, Relaxed);
         let waited = self
             .arrived
             .wait_timeout_while(queue, patience, |queue| queue.is_empty());
         let (mut queue, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        self.waiting.fetch_sub(1, Relaxed);
         let oldest = queue.pop_front();
         drop(queue);
         oldest.map(|(_, received)| received.into())
@@ -162,9 +167,12 @@ impl<M: Interface> Inbox for ReceiveQueue<M> {
         let mut queue = self.lock();
         self.make_room(&mut queue, (origin, raw.publisher), counters);
         queue.push_back((origin, received));
+        let is_awaited = self.waiting.load(Relaxed) > 0;
         drop(queue);
-        self.arrived.notify_all();
-        self.events.notify();
+        if is_awaited {
+            self.arrived.notify_all();
+        }
+        self.events.notify_of_message();
         true
     }
 }

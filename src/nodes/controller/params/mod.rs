@@ -63,6 +63,8 @@ pub(super) struct Live {
     groups: Vec<Box<dyn Group>>,
     /// The configuration when it was last read.
     known: ControllerConfig,
+    /// Revision of the parameters at that time.
+    revision: u64,
     /// The robot's number of joints, which gains must match; zero while it is not known.
     joints: Arc<AtomicUsize>,
 }
@@ -86,6 +88,7 @@ impl Live {
         declare.check_together(move |get| fit_the_robot(&robot, get));
         let mut live = Self {
             known: shared.config(),
+            revision: shared.revision(),
             shared,
             groups,
             joints,
@@ -109,6 +112,10 @@ impl Live {
 
     /// The configuration, if it has changed since the last call.
     pub(super) fn changed(&mut self) -> Option<ControllerConfig> {
+        let revision = self.shared.revision();
+        if std::mem::replace(&mut self.revision, revision) == revision {
+            return None;
+        }
         let now = self.get();
         let changed = now != self.known;
         changed.then(|| {

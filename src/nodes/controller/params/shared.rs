@@ -108,6 +108,11 @@ impl Shared {
         }
     }
 
+    /// A number that is different after any parameter of the node was set.
+    pub(super) fn revision(&self) -> u64 {
+        self.law.revision()
+    }
+
     /// The configuration, with defaults for the settings of the individual laws.
     pub(super) fn config(&self) -> ControllerConfig {
         // Any other text has been refused by the declaration.

@@ -11,7 +11,7 @@ use crate::{
     msg::{cdr, std_msgs::String as Text},
     ros::{
         NodeName,
-        endpoint::{Counters, Destination, Inbox},
+        endpoint::{Counters, Destination, Handler, Inbox},
         handler_queue::HandlerQueue,
         receive_queue::ReceiveQueue,
     },
@@ -317,7 +317,11 @@ fn slow_handler(
         let _ = permits.recv();
         handled.send(sample.sequence_number).is_ok()
     };
-    let destination = Destination::Handler(Box::new(sink), Arc::clone(&queue));
+    let destination = Destination::Handler(Handler {
+        sink: Box::new(sink),
+        patience: Duration::ZERO,
+        queue: Arc::clone(&queue),
+    });
     let reader = Reader::new(spec(qos), node(), destination, Arc::clone(topic));
     let reader = Arc::new(reader);
     topic.add_reader(&reader);

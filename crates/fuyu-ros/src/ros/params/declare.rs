@@ -208,6 +208,7 @@ impl<'a, T: Parameter> Declaration<'a, T> {
             name,
             fallback,
             seen: AtomicU64::new(0),
+            revision: AtomicU64::new(0),
         }
     }
 
@@ -287,6 +288,8 @@ pub struct Param<T> {
     name: String,
     fallback: T,
     seen: AtomicU64,
+    /// Revision of the store at the last call of `changed`.
+    revision: AtomicU64,
 }
 
 impl<T: Parameter> Param<T> {
@@ -298,8 +301,18 @@ impl<T: Parameter> Param<T> {
 
     /// Whether it was set since the last call (since it was declared, for the first).
     pub fn changed(&self) -> bool {
+        // Most calls end here. Before the version is read: a change meanwhile is found by the next call.
+        let revision = self.revision();
+        if self.revision.swap(revision, Ordering::Relaxed) == revision {
+            return false;
+        }
         let version = self.store.read(&self.name, |e| e.version).unwrap_or(0);
         self.seen.swap(version, Ordering::Relaxed) != version
+    }
+
+    /// A number that is different after any parameter of the node was set: none has changed while it is the same.
+    pub fn revision(&self) -> u64 {
+        self.store.revision()
     }
 }
 

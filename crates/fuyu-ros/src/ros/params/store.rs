@@ -3,7 +3,10 @@
 use std::{
     collections::BTreeMap,
     fmt,
-    sync::{Mutex, MutexGuard, OnceLock, PoisonError},
+    sync::{
+        Mutex, MutexGuard, OnceLock, PoisonError,
+        atomic::{AtomicU64, Ordering},
+    },
 };
 
 use super::{Descriptor, Kind, Override, ParameterValue};
@@ -53,6 +56,8 @@ struct Inner {
 pub struct ParameterStore {
     node: NodeName,
     inner: Mutex<Inner>,
+    /// How often parameters were declared or set.
+    revision: AtomicU64,
     listener: OnceLock<Listener>,
 }
 
@@ -74,6 +79,7 @@ impl ParameterStore {
                 overrides,
                 validators: Vec::new(),
             }),
+            revision: AtomicU64::new(0),
             listener: OnceLock::new(),
         }
     }
@@ -120,6 +126,7 @@ impl ParameterStore {
             new: true,
         };
         self.lock().entries.insert(change.name.clone(), entry);
+        self.revision.fetch_add(1, Ordering::Release);
         self.announce(&[change]);
     }
 
@@ -138,6 +145,11 @@ impl ParameterStore {
 
     pub(super) fn read<R>(&self, name: &str, read: impl FnOnce(&Entry) -> R) -> Option<R> {
         self.lock().entries.get(name).map(read)
+    }
+
+    /// A number that is different after any parameter was declared or set.
+    pub(super) fn revision(&self) -> u64 {
+        self.revision.load(Ordering::Acquire)
     }
 
     /// Value of a parameter, if it is declared.
@@ -162,6 +174,7 @@ impl ParameterStore {
     /// or rejected by the node.
     pub fn set(&self, values: Vec<(String, ParameterValue)>) -> Result<(), SetError> {
         let changes = self.lock().set(&self.node, values)?;
+        self.revision.fetch_add(1, Ordering::Release);
         self.announce(&changes);
         Ok(())
     }
