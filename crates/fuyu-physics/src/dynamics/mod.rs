@@ -51,6 +51,7 @@ mod articulated_body;
 mod axis;
 #[cfg(feature = "batch")]
 mod batch;
+pub mod capture;
 mod checks;
 mod expanded_motion;
 pub mod flexible;
