@@ -161,6 +161,17 @@ impl Floating {
         &mut self.input
     }
 
+    /// Held efforts and wrenches.
+    pub fn input(&self) -> &Input {
+        &self.input
+    }
+
+    /// Changes the state without allocating.
+    pub(super) fn change_state(&mut self, change: impl FnOnce(&mut State)) {
+        change(&mut self.state);
+        self.refresh();
+    }
+
     /// Advances by `steps` steps of `dt` \[s\] under the held input.
     pub fn step(&mut self, dt: f64, steps: usize) {
         if steps == 0 {

@@ -53,6 +53,7 @@ mod axis;
 mod batch;
 pub mod capture;
 mod checks;
+pub mod contact;
 mod expanded_motion;
 pub mod flexible;
 mod floating;
