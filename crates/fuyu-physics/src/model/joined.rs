@@ -83,7 +83,8 @@ impl Copier {
         Place::own((self.builder).joint_on_link(&name, parent.body, &link, joint, body.inertia))
     }
 
-    /// Three joints with intersecting axes on `body`, and the place behind them of a body at pose `X_JO` of their common frame.
+    /// Three joints with intersecting axes on `body`, and the place behind them of a body at pose `X_JO` of their
+    /// common frame.
     fn cardan(
         &mut self,
         body: usize,
@@ -109,8 +110,8 @@ impl Copier {
         self.builder.weld(place.body, &inertia);
     }
 
-    /// The frames of `model` that are not there yet, and its mimic joints, after its bodies have got their `places`. The base is on
-    /// the link `mount`, if on any.
+    /// The frames of `model` that are not there yet, and its mimic joints, after its bodies have got their
+    /// `places`. The base is on the link `mount`, if on any.
     fn finish(&mut self, model: &Model, places: &[Place], prefix: &str, mount: Option<&str>) {
         for frame in model.frames() {
             let place = places[frame.body];
@@ -155,10 +156,10 @@ fn coordinates(whole: &Model, part: &Model, prefix: &str) -> Vec<usize> {
 }
 
 impl Model {
-    /// This robot with the base of `other` connected to its body `body`, at pose `X_BO` of the other's base frame. All names
-    /// of the other get `prefix`, which must make them different from this robot's. With [`Connection::Cardan`], the axes
-    /// intersect at the origin of frame J, at pose `X_BJ` in the body; its axes are those of the joints when all are at zero, where
-    /// the other's base is at `X_BO`.
+    /// This robot with the base of `other` connected to its body `body`, at pose `X_BO` of the other's base frame.
+    /// All names of the other get `prefix`, which must make them different from this robot's. With
+    /// [`Connection::Cardan`], the axes intersect at the origin of frame J, at pose `X_BJ` in the body; its axes
+    /// are those of the joints when all are at zero, where the other's base is at `X_BO`.
     ///
     /// # Panics
     /// If there is no such body, or if a name occurs twice.
@@ -216,8 +217,8 @@ impl Model {
         }
     }
 
-    /// This robot with the joints `locked` held at their positions in `q` \[rad or m\]: the bodies that they move are welded to
-    /// their parents. The joints that are left keep their order and names.
+    /// This robot with the joints `locked` held at their positions in `q` \[rad or m\]: the bodies that they move
+    /// are welded to their parents. The joints that are left keep their order and names.
     ///
     /// # Panics
     /// If `q` or `locked` does not have one element per coordinate.

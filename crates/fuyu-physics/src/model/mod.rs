@@ -17,4 +17,7 @@ pub use build::ModelBuilder;
 pub use coupling::{Coupling, Mimic};
 pub use joined::{Connection, Joined};
 pub use tree::{Body, Frame, Joint, JointKind, JointLimits, Model, Spring};
-pub use urdf::{Repair, RepairKind, Repaired, UrdfError, UrdfProblem, without_surroundings};
+pub use urdf::{
+    CollisionElement, CollisionGeometry, Repair, RepairKind, Repaired, UrdfError, UrdfProblem,
+    without_surroundings,
+};

@@ -26,8 +26,9 @@ pub fn grasp(case: &Value, robot: &Floating) -> Grasp {
     }
 }
 
-/// Twists to 1e-12, impulses to 1e-10, energy loss to 1e-12 of the energy, momentum to 1e-13. A wrong sign of the brakes' impulse, a
-/// Jacobian about another point, or a fixed-base inertia instead of the reduced one fail by orders of magnitude.
+/// Twists to 1e-12, impulses to 1e-10, energy loss to 1e-12 of the energy, momentum to 1e-13. A wrong sign of the
+/// brakes' impulse, a Jacobian about another point, or a fixed-base inertia instead of the reduced one fail by
+/// orders of magnitude.
 #[test]
 fn impulses_agree_with_two_other_codes() {
     let all = cases("capture_impulse");

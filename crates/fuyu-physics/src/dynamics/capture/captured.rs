@@ -4,12 +4,14 @@ use nalgebra::{DVector, UnitQuaternion, Vector3};
 
 use super::impulse::{JointReaction, Latch, LatchImpulses, LatchPair, System, close_latches};
 use crate::dynamics::{
-    Direction, Floating, IntegrationMethod, LoopClosure, LoopError, Loops, Momentum, State,
+    Direction, Floating, IntegrationMethod, JointPhysics, LoopClosure, LoopError, Loops, Momentum,
+    State,
 };
 use crate::model::{Connection, Frame, Joined, Model};
 use crate::spatial::{Pose, Twist};
 
-/// Second angle of a spherical joint \[rad\] beyond which its three axes are chosen again: far from 90°, where two of them coincide.
+/// Second angle of a spherical joint \[rad\] beyond which its three axes are chosen again: far from 90°, where two
+/// of them coincide.
 const TILTED: f64 = 1.0;
 
 /// Gap \[m, rad, m/s, rad/s\] of a loop that an impulse has closed: rounding.
@@ -24,8 +26,8 @@ pub struct Grasp {
     pub target: Frame,
     /// What it holds.
     pub latch: Latch,
-    /// What the robot's joints do at the impulse and from then on; joints that are locked stay where they are, joints at
-    /// held rates are free afterwards, for their servo to hold.
+    /// What the robot's joints do at the impulse and from then on; joints that are locked stay where they are,
+    /// joints at held rates are free afterwards, for their servo to hold.
     pub joints: JointReaction,
 }
 
@@ -64,6 +66,9 @@ pub enum CaptureError {
         /// Largest angle \[rad\].
         max_angle: f64,
     },
+    /// Robot or target is a mechanism with closed loops.
+    #[error("'{0}' has closed loops; only trees can grasp and be grasped")]
+    ClosedLoops(String),
     /// A loop that a second grasp would close is impossible.
     #[error(transparent)]
     Loop(#[from] LoopError),
@@ -85,13 +90,14 @@ struct SecondGrasp {
     latch: Latch,
 }
 
-/// Robot and target joined by a grasp, as one floating system. The target's links are part of the robot's tree, with the
-/// target's name and a slash before theirs; a ball joint is three joints with intersecting axes, which are chosen again
-/// whenever two of them come close to each other.
+/// Robot and target joined by a grasp, as one floating system. The target's links are part of the robot's tree,
+/// with the target's name and a slash before theirs; a ball joint is three joints with intersecting axes, which are
+/// chosen again whenever two of them come close to each other.
 #[derive(Debug, Clone)]
 pub struct Captured {
     floating: Floating,
     method: IntegrationMethod,
+    joint_physics: JointPhysics,
     /// The robot as it was, without locked joints, and the target.
     robot: Model,
     carrier: Model,
@@ -161,6 +167,12 @@ impl Captured {
                 target: target.model().name().to_owned(),
                 body: grasp.target.body,
             });
+        }
+        if let Some(looped) = [robot, target]
+            .iter()
+            .find(|s| !s.loops().closures().is_empty())
+        {
+            return Err(CaptureError::ClosedLoops(looped.model().name().to_owned()));
         }
         let joints = vec![grasp.joints; robot.model().dof()];
         let (mut of_robot, mut of_target) = (robot.workspace().clone(), target.workspace().clone());
@@ -275,6 +287,7 @@ impl Captured {
         Self {
             floating,
             method,
+            joint_physics: JointPhysics::default(),
             robot: robot_model,
             carrier,
             target: target_model,
@@ -289,7 +302,8 @@ impl Captured {
     /// Closes a loop: another frame of the robot grasps the target, too. Returns the impulse on the robot's frame.
     ///
     /// # Errors
-    /// [`CaptureError`] if the frame does not exist or the grasp is not on the target's base, and where the loop locks all joints.
+    /// [`CaptureError`] if the frame does not exist or the grasp is not on the target's base, and where the loop
+    /// locks all joints.
     pub fn grasp_again(
         &mut self,
         robot: &Frame,
@@ -361,7 +375,15 @@ impl Captured {
     fn replace(&mut self, mut floating: Floating) {
         let held = self.floating.input_mut().clone();
         floating.input_mut().copy_from(&held);
-        self.floating = floating;
+        self.floating = floating.with_joint_physics(&self.joint_physics);
+    }
+
+    /// The same system, with other settings for friction, stops and speed limits of the joints.
+    #[must_use]
+    pub fn with_joint_physics(mut self, settings: &JointPhysics) -> Self {
+        self.floating = self.floating.with_joint_physics(settings);
+        self.joint_physics = *settings;
+        self
     }
 
     /// The joined system.
@@ -488,7 +510,8 @@ impl Captured {
         (of(&state.q), of(&state.qd))
     }
 
-    /// Holds joint efforts of the robot \[N m or N\], in its own order, each within its limit; those of locked joints have no effect.
+    /// Holds joint efforts of the robot \[N m or N\], in its own order, each within its limit; those of locked
+    /// joints have no effect.
     ///
     /// # Panics
     /// If `efforts` does not have one element per joint of the robot.
@@ -525,7 +548,8 @@ fn join(
     carrier.joined(frame.body, target, connection, &X_BJ, X_BO, prefix)
 }
 
-/// Rates of the three joints of a spherical joint at zero angles; `w_J` is the relative angular velocity, axes of the joints.
+/// Rates of the three joints of a spherical joint at zero angles; `w_J` is the relative angular velocity, axes of
+/// the joints.
 fn set_cardan_rates(state: &mut State, joined: &Joined, w_J: &Vector3<f64>) {
     for (j, rate) in joined.connection.iter().zip([w_J.z, w_J.y, w_J.x]) {
         state.qd[*j] = rate;

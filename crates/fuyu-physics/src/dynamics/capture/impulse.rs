@@ -1,13 +1,14 @@
 //! The impulse at which latches close.
 //!
-//! The velocities of a floating system are written as those of its centre of mass, the angular velocity `H_B⁻¹ L`, and the joint
-//! rates. In these the kinetic energy has no products between the three (Masutani 1995 eqs. (4.45)-(4.48)), so that an impulse
-//! changes momentum as an impulse changes that of a rigid body, and the joint rates through the reduced inertia `Ĥ` and the
-//! generalized Jacobian `Ĵ`. With `G` the rows of the latches' relative velocities in these variables and `W` the inverse
-//! inertia, `A = G W Gᵀ` (the Delassus matrix, whose inverse is the effective mass at the grasp) gives the impulse
-//! `Λ = -A⁻¹ u` that removes the relative velocity `u`: the equations of unilateral contact with equality (F. Pfeiffer and
-//! C. Glocker, Multibody Dynamics with Unilateral Contacts, 1996, chapter 6; R. Featherstone, Rigid Body Dynamics Algorithms,
-//! 2008, section 11.7). The energy that is lost is that of the velocities that are lost (Carnot's theorem).
+//! The velocities of a floating system are written as those of its centre of mass, the angular velocity `H_B⁻¹ L`,
+//! and the joint rates. In these the kinetic energy has no products between the three (Masutani 1995 eqs.
+//! (4.45)-(4.48)), so that an impulse changes momentum as an impulse changes that of a rigid body, and the joint
+//! rates through the reduced inertia `Ĥ` and the generalized Jacobian `Ĵ`. With `G` the rows of the latches'
+//! relative velocities in these variables and `W` the inverse inertia, `A = G W Gᵀ` (the Delassus matrix, whose
+//! inverse is the effective mass at the grasp) gives the impulse `Λ = -A⁻¹ u` that removes the relative velocity
+//! `u`: the equations of unilateral contact with equality (F. Pfeiffer and C. Glocker, Multibody Dynamics with
+//! Unilateral Contacts, 1996, chapter 6; R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 11.7). The
+//! energy that is lost is that of the velocities that are lost (Carnot's theorem).
 
 use nalgebra::{
     Cholesky, DMatrix, DVector, Dyn, Matrix3, Matrix6xX, Rotation3, SymmetricEigen, Vector3,
@@ -72,7 +73,8 @@ pub struct System<'a> {
     pub joints: &'a [JointReaction],
 }
 
-/// Two frames that a latch joins, each of one of the systems, by index. The impulse acts on both at the origin of the first one.
+/// Two frames that a latch joins, each of one of the systems, by index. The impulse acts on both at the origin of
+/// the first one.
 #[derive(Debug, Clone, Copy)]
 pub struct LatchPair<'a> {
     /// The first frame.
@@ -88,8 +90,8 @@ pub struct LatchPair<'a> {
 pub struct LatchImpulses {
     /// State of each system afterwards.
     pub states: Vec<State>,
-    /// Per latch, the impulse on the first frame's body, about that frame's origin, world axes \[N s, N m s\]. Its opposite acts on
-    /// the second one's body.
+    /// Per latch, the impulse on the first frame's body, about that frame's origin, world axes \[N s, N m s\]. Its
+    /// opposite acts on the second one's body.
     pub on_first: Vec<Wrench>,
     /// Per system, the impulses of brakes and servos along the joints \[N m s or N s\]; zero for free joints.
     pub joints: Vec<DVector<f64>>,
@@ -117,9 +119,10 @@ struct Terms {
     rows: DMatrix<f64>,
 }
 
-/// Closes latches between floating systems in one impulse: afterwards the frames of each pair have no relative velocity, in
-/// position and, for a weld, attitude. They should coincide; where they do not, the second is taken to be extended rigidly to the
-/// first. Latches that hold more than is free (two arms that are locked) share the impulse with the smallest sum of squares.
+/// Closes latches between floating systems in one impulse: afterwards the frames of each pair have no relative
+/// velocity, in position and, for a weld, attitude. They should coincide; where they do not, the second is taken to
+/// be extended rigidly to the first. Latches that hold more than is free (two arms that are locked) share the
+/// impulse with the smallest sum of squares.
 ///
 /// # Panics
 /// If a state does not fit its workspace, or a frame its system.
@@ -160,8 +163,9 @@ pub fn close_latches(systems: &mut [System], latches: &[LatchPair]) -> LatchImpu
     finish(systems, latches, &terms, &impulse, &points)
 }
 
-/// Pushes the bodies of a pair of frames apart along `direction` (world axes, from the first to the second) with a spring at the first
-/// frame's origin that gives the systems `energy` \[J\] in an instant. The pair's latch does not matter.
+/// Pushes the bodies of a pair of frames apart along `direction` (world axes, from the first to the second) with a
+/// spring at the first frame's origin that gives the systems `energy` \[J\] in an instant. The pair's latch does
+/// not matter.
 ///
 /// # Panics
 /// As [`close_latches`].
@@ -420,8 +424,8 @@ struct PseudoInverse {
     smallest: f64,
 }
 
-/// Eigenvalues below this fraction of the largest are those of dependent rows. The condition number of a grasp by a long
-/// arm, with all rows scaled to the same size, is at most some 1e6.
+/// Eigenvalues below this fraction of the largest are those of dependent rows. The condition number of a grasp by a
+/// long arm, with all rows scaled to the same size, is at most some 1e6.
 const DEPENDENT: f64 = 1e-11;
 
 impl PseudoInverse {

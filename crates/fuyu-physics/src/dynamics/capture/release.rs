@@ -27,8 +27,8 @@ pub struct Released {
 }
 
 impl Captured {
-    /// Robot and target as they are when the grasp opens, pushed apart by `spring`. Momentum of both together is that of the joined
-    /// system.
+    /// Robot and target as they are when the grasp opens, pushed apart by `spring`. Momentum of both together is
+    /// that of the joined system.
     pub fn release(&self, spring: Option<&ReleaseSpring>) -> Released {
         let (state, workspace) = (self.floating().state(), self.floating().workspace());
         let (mut of_robot, mut of_target) =

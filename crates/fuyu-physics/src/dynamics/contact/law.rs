@@ -2,12 +2,14 @@
 
 use nalgebra::Vector3;
 
-/// Compliant contact of two surfaces: normal force by Hunt and Crossley, friction by Coulomb's law with a smooth transition.
+/// Compliant contact of two surfaces: normal force by Hunt and Crossley, friction by Coulomb's law with a smooth
+/// transition.
 ///
-/// With the depth `δ` and its rate `δ'`, the normal force is `k δ^p max(0, 1 + d δ')` (K. Hunt and F. Crossley, Coefficient of
-/// restitution interpreted as damping in vibroimpact, J. Applied Mechanics 42, 1975); it never pulls. With the slip `v`,
-/// friction is `-μ F v / sqrt(v² + v_s²)`: smooth, dissipative at any slip, and at most `μ F`. A grip under a tangential load
-/// `x μ F` therefore creeps at `v_s x / sqrt(1 - x²)`; a [`Bristle`] does not.
+/// With the depth `δ` and its rate `δ'`, the normal force is `k δ^p max(0, 1 + d δ')` (K. Hunt and F. Crossley,
+/// Coefficient of restitution interpreted as damping in vibroimpact, J. Applied Mechanics 42, 1975); it never
+/// pulls. With the slip `v`, friction is `-μ F v / sqrt(v² + v_s²)`: smooth, dissipative at any slip, and at most
+/// `μ F`. A grip under a tangential load `x μ F` therefore creeps at `v_s x / sqrt(1 - x²)`; a [`Bristle`] does
+/// not.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactLaw {
     /// Stiffness `k` \[N/m^p\].
@@ -20,16 +22,17 @@ pub struct ContactLaw {
     pub friction: f64,
     /// Slip `v_s` \[m/s\] at which friction has reached 71 % of its limit.
     pub stiction_speed: f64,
-    /// Where between the two surfaces the forces act, as a fraction of the depth: 0 at the deepest point of the first shape, 1/2
-    /// in the middle.
+    /// Where between the two surfaces the forces act, as a fraction of the depth: 0 at the deepest point of the
+    /// first shape, 1/2 in the middle.
     pub point_weight: f64,
     /// Elastic deflection instead of creep.
     pub bristle: Option<Bristle>,
 }
 
-/// Deflection of asperities under friction: the model of C. Canudas de Wit, H. Olsson, K. Åström and P. Lischinsky (A new model for
-/// control of systems with friction, IEEE Trans. Automatic Control 40, 1995), per unit of normal force. The deflection `z` grows with
-/// the slip, `z' = v - |v| σ z / μ`, and friction is `-F (σ z + σ₁ z')`. Under a constant load less than `μ F` the slip ends.
+/// Deflection of asperities under friction: the model of C. Canudas de Wit, H. Olsson, K. Åström and P. Lischinsky
+/// (A new model for control of systems with friction, IEEE Trans. Automatic Control 40, 1995), per unit of normal
+/// force. The deflection `z` grows with the slip, `z' = v - |v| σ z / μ`, and friction is `-F (σ z + σ₁ z')`. Under
+/// a constant load less than `μ F` the slip ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bristle {
     /// Stiffness `σ` \[1/m\]: friction over normal force per deflection.
@@ -128,7 +131,8 @@ impl ContactLaw {
         Ok(())
     }
 
-    /// Elastic part `k δ^p` of the normal force \[N\], continued smoothly to negative depths, where an integrator may try it.
+    /// Elastic part `k δ^p` of the normal force \[N\], continued smoothly to negative depths, where an integrator
+    /// may try it.
     pub(super) fn elastic_force(&self, depth: f64) -> f64 {
         let size = depth.abs();
         let power = if self.exponent == 1.0 {
@@ -176,7 +180,8 @@ impl ContactLaw {
         slip - z * (speed * bristle.stiffness / self.friction)
     }
 
-    /// Slip \[m/s\] at which a contact without bristle creeps under a tangential load of `fraction` of `μ F`; infinite from 1 on.
+    /// Slip \[m/s\] at which a contact without bristle creeps under a tangential load of `fraction` of `μ F`;
+    /// infinite from 1 on.
     pub fn creep(&self, fraction: f64) -> f64 {
         if fraction < 1.0 {
             self.stiction_speed * fraction / (1.0 - fraction * fraction).sqrt()
@@ -185,8 +190,8 @@ impl ContactLaw {
         }
     }
 
-    /// Coefficient of restitution of a head-on impact at `speed` \[m/s\], which depends on `a = d v` alone: the root of
-    /// `a (1 + e) = ln((1 + a) / (1 - a e))`, from the energy lost in the two halves of the impact.
+    /// Coefficient of restitution of a head-on impact at `speed` \[m/s\], which depends on `a = d v` alone: the
+    /// root of `a (1 + e) = ln((1 + a) / (1 - a e))`, from the energy lost in the two halves of the impact.
     pub fn restitution(&self, speed: f64) -> f64 {
         restitution(self.dissipation * speed)
     }
@@ -197,8 +202,8 @@ fn restitution(a: f64) -> f64 {
     if a < 1e-4 {
         return 1.0 - 2.0 / 3.0 * a * (1.0 - 2.0 / 3.0 * a);
     }
-    // ln(1 + x) - x falls from 0 at x = 0 on either side: x = -a e has the value of x = a. With f(x) = x - ln(1 + x), Newton's method
-    // for f(-y) = f(a), y in (0, 1), from below converges monotonically, as f(-y) is convex.
+    // ln(1 + x) - x falls from 0 at x = 0 on either side: x = -a e has the value of x = a. With f(x) = x - ln(1 +
+    // x), Newton's method for f(-y) = f(a), y in (0, 1), from below converges monotonically, as f(-y) is convex.
     let target = a - a.ln_1p();
     let f = |y: f64| -y - (-y).ln_1p();
     let (mut low, mut high) = (0.0, 1.0);

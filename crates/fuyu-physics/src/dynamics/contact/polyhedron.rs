@@ -21,7 +21,8 @@ pub(super) struct Face {
     pub vertices: Vec<usize>,
 }
 
-/// A convex polyhedron. Made by [`Shape::cuboid`](super::Shape::cuboid) and [`Shape::convex_hull`](super::Shape::convex_hull).
+/// A convex polyhedron. Made by [`Shape::cuboid`](super::Shape::cuboid) and
+/// [`Shape::convex_hull`](super::Shape::convex_hull).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Polyhedron {
     vertices: Vec<Vector3<f64>>,
@@ -204,8 +205,8 @@ impl Polyhedron {
         best
     }
 
-    /// Height of a point over the face that it is furthest above: the signed distance if it is inside or over that face,
-    /// otherwise a lower bound.
+    /// Height of a point over the face that it is furthest above: the signed distance if it is inside or over that
+    /// face, otherwise a lower bound.
     pub(super) fn above(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let mut best = (f64::NEG_INFINITY, Vector3::z());
         for face in &self.faces {

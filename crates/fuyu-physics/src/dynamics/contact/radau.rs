@@ -1,9 +1,10 @@
 //! Radau's implicit method of order 5 with error control, for stiff motion.
 //!
-//! The method has three stages and damps what is infinitely stiff in one step. Stages are found by simplified Newton iterations; a
-//! transformation splits their linear system into a real and a complex one of the size of the state (E. Hairer and G. Wanner,
-//! Solving Ordinary Differential Equations II, 1996, section IV.8, whose estimate of the error, starting values and step control
-//! are used). What is conserved linearly in the state is conserved by each iteration, however far it has converged.
+//! The method has three stages and damps what is infinitely stiff in one step. Stages are found by simplified
+//! Newton iterations; a transformation splits their linear system into a real and a complex one of the size of the
+//! state (E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, 1996, section IV.8, whose estimate
+//! of the error, starting values and step control are used). What is conserved linearly in the state is conserved
+//! by each iteration, however far it has converged.
 
 use nalgebra::{Complex, ComplexField};
 
@@ -245,8 +246,9 @@ impl Radau {
         (squares / x.len() as f64).sqrt()
     }
 
-    /// Tries a step of `h` from `y`, whose rates [`Self::begin`] has computed. Returns the error estimate, in units of the scale;
-    /// `None` if the iteration does not converge to `tolerance` of it. The end of the step is its last [`Self::stage`].
+    /// Tries a step of `h` from `y`, whose rates [`Self::begin`] has computed. Returns the error estimate, in units
+    /// of the scale; `None` if the iteration does not converge to `tolerance` of it. The end of the step is its
+    /// last [`Self::stage`].
     pub fn step(
         &mut self,
         y: &[f64],
@@ -381,13 +383,13 @@ impl Radau {
                 }
                 sum
             };
-            for i in 0..3 {
-                self.z[i][k] = at(1.0 + ratio * C[i]) - values[3];
+            for (z, node) in self.z.iter_mut().zip(C) {
+                z[k] = at(1.0 + ratio * node) - values[3];
             }
         }
         for k in 0..self.n {
-            for i in 0..3 {
-                self.w[i][k] = (0..3).map(|j| T_INVERSE[i][j] * self.z[j][k]).sum();
+            for (w, row) in self.w.iter_mut().zip(&T_INVERSE) {
+                w[k] = row[0] * self.z[0][k] + row[1] * self.z[1][k] + row[2] * self.z[2][k];
             }
         }
     }

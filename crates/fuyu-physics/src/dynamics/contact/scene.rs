@@ -1,8 +1,9 @@
 //! The equations of motion of several floating systems that touch.
 //!
-//! The state of each system is its attitude since the start of the step, centre of mass, joint positions, momentum and joint rates,
-//! with the angular momentum about a point that all systems share. Forces at a contact then change two momenta by opposite amounts,
-//! which sum to zero to the last digit: total momentum is linear in this state, and is conserved by any Runge-Kutta method.
+//! The state of each system is its attitude since the start of the step, centre of mass, joint positions, momentum
+//! and joint rates, with the angular momentum about a point that all systems share. Forces at a contact then change
+//! two momenta by opposite amounts, which sum to zero to the last digit: total momentum is linear in this state,
+//! and is conserved by any Runge-Kutta method.
 
 use std::ops::Range;
 
@@ -335,7 +336,8 @@ impl Scene {
         self.touch(y);
     }
 
-    /// By how much the mode of a point is wrong: positive if it should have changed. Where several should, the largest.
+    /// By how much the mode of a point is wrong: positive if it should have changed. Where several should, the
+    /// largest.
     pub fn violation(&self) -> f64 {
         let mut worst = f64::NEG_INFINITY;
         for pair in &self.pairs {
@@ -346,8 +348,9 @@ impl Scene {
         worst
     }
 
-    /// Changes the modes of the points that are wrong; deflections of points that begin to touch start at zero. Calls `note` with the
-    /// colliders, the number of the point, and whether it touches now, for each that begins or ends to.
+    /// Changes the modes of the points that are wrong; deflections of points that begin to touch start at zero.
+    /// Calls `note` with the colliders, the number of the point, and whether it touches now, for each that begins
+    /// or ends to.
     pub fn change_modes(&mut self, y: &mut [f64], mut note: impl FnMut(usize, usize, usize, bool)) {
         for pair in &self.pairs {
             for (i, point) in self.points[pair.points.clone()].iter_mut().enumerate() {
@@ -374,40 +377,60 @@ impl Scene {
 
     /// The longest step \[s\] in which no contact can begin and end unnoticed.
     pub fn longest_step(&self) -> f64 {
-        let mut longest = f64::INFINITY;
-        for pair in &self.pairs {
+        let times = self
+            .approaches()
+            .map(|(gap, size, speed)| (gap + 0.25 * size) / speed);
+        times.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Whether nothing touches, nor can within `dt` \[s\], even at several times the present speed.
+    pub fn is_apart(&self, dt: f64) -> bool {
+        const MARGIN: f64 = 0.02;
+        let is_apart = self
+            .points
+            .iter()
+            .all(|point| point.mode == Mode::Apart && point.touch.gap > MARGIN);
+        is_apart
+            && self
+                .approaches()
+                .all(|(gap, _, speed)| gap - MARGIN > 4.0 * speed * dt)
+    }
+
+    /// Per pair with points that are apart: the smallest gap, the size of the smaller shape, and a bound of the
+    /// speed of approach.
+    fn approaches(&self) -> impl Iterator<Item = (f64, f64, f64)> + '_ {
+        self.pairs.iter().filter_map(|pair| {
             let points = &self.points[pair.points.clone()];
             let apart = points.iter().filter(|p| p.mode == Mode::Apart);
             let gap = apart
                 .map(|p| p.touch.gap.max(0.0))
                 .fold(f64::INFINITY, f64::min);
             if !gap.is_finite() {
-                continue;
+                return None;
             }
             let (first, second) = (&self.colliders[pair.first], &self.colliders[pair.second]);
-            let size = first
-                .shape
-                .bounding_radius()
-                .min(second.shape.bounding_radius());
-            let speed = |collider: &Collider| {
-                let member = &self.members[collider.system];
-                let of_centre = member.velocity(collider.body, &collider.X_WS.translation.vector);
-                (
-                    of_centre,
-                    member.workspace.bodies[collider.body].twist.angular.norm(),
-                )
+            let size = (first.shape.bounding_radius()).min(second.shape.bounding_radius());
+            let member = |collider: &Collider| &self.members[collider.system];
+            let centre = |collider: &Collider| collider.X_WS.translation.vector;
+            // A half-space has no centre: of two shapes, the smaller one is where they can touch.
+            let at = match (&first.shape, &second.shape) {
+                (Shape::HalfSpace, _) => [centre(second); 2],
+                (_, Shape::HalfSpace) => [centre(first); 2],
+                _ => [centre(first), centre(second)],
             };
-            let ((v_1, w_1), (mut v_2, w_2)) = (speed(first), speed(second));
-            if second.shape == Shape::HalfSpace {
-                let at = first.X_WS.translation.vector;
-                v_2 = self.members[second.system].velocity(second.body, &at);
-            }
-            let speed = (v_1 - v_2).norm() + (w_1 + w_2) * size;
-            if speed > 0.0 {
-                longest = longest.min((gap + 0.25 * size) / speed);
-            }
-        }
-        longest
+            let motion = |collider: &Collider, at: &Vector3<f64>| {
+                let spin = member(collider).workspace.bodies[collider.body]
+                    .twist
+                    .angular
+                    .norm();
+                (member(collider).velocity(collider.body, at), spin)
+            };
+            let ((v_1, w_1), (v_2, w_2)) = (motion(first, &at[0]), motion(second, &at[1]));
+            let sizes = [first, second].map(|collider| collider.shape.bounding_radius());
+            let reach = |size: f64| if size.is_finite() { size } else { 0.0 };
+            let speed = (v_1 - v_2).norm() + w_1 * reach(sizes[0]) + w_2 * reach(sizes[1]);
+            (speed > 0.0).then_some((gap, size, speed))
+        })
     }
 
     /// Energy stored in the contacts \[J\].

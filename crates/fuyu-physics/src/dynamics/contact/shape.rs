@@ -5,6 +5,7 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 
 use super::polyhedron::Polyhedron;
+use crate::model::CollisionGeometry;
 
 /// Sides of the prism that stands for a cylinder in contact with anything but a sphere.
 const CYLINDER_SIDES: usize = 32;
@@ -55,7 +56,8 @@ pub enum Shape {
     },
     /// A convex polyhedron.
     Polyhedron(Arc<Polyhedron>),
-    /// A cylinder about z. In contact with anything but a sphere it is a prism with 32 sides, whose edges are on the cylinder.
+    /// A cylinder about z. In contact with anything but a sphere it is a prism with 32 sides, whose edges are on
+    /// the cylinder.
     Cylinder {
         /// Radius \[m\].
         radius: f64,
@@ -119,6 +121,26 @@ impl Shape {
         Ok(Self::Polyhedron(Arc::new(Polyhedron::cuboid(
             &(edges * 0.5),
         ))))
+    }
+
+    /// The shape of a `<collision>`; of a mesh, the convex hull of its `vertices` (before scaling).
+    ///
+    /// # Errors
+    /// [`ShapeError`] as the other constructors.
+    pub fn from_geometry(
+        geometry: &CollisionGeometry,
+        vertices: &[Vector3<f64>],
+    ) -> Result<Self, ShapeError> {
+        match geometry {
+            CollisionGeometry::Box { size } => Self::cuboid(size),
+            CollisionGeometry::Sphere { radius } => Self::sphere(*radius),
+            CollisionGeometry::Cylinder { radius, length } => Self::cylinder(*radius, *length),
+            CollisionGeometry::Capsule { radius, length } => Self::capsule(*radius, *length),
+            CollisionGeometry::Mesh { scale, .. } => {
+                let scaled: Vec<_> = vertices.iter().map(|v| v.component_mul(scale)).collect();
+                Self::convex_hull(&scaled)
+            }
+        }
     }
 
     /// The convex hull of points \[m\].

@@ -1,8 +1,9 @@
 //! Where two shapes touch: points of one over the surface of the other.
 //!
-//! Every pair of shapes has a fixed number of possible points, so that a point keeps its number while it touches. The simple pairs
-//! are closed forms. Polyhedra touch with the vertices of either in the other, and with the pair of edges that is deepest; a
-//! capsule touches a polyhedron with the two ends of the part of its axis that is over a face.
+//! Every pair of shapes has a fixed number of possible points, so that a point keeps its number while it touches.
+//! The simple pairs are closed forms. Polyhedra touch with the vertices of either in the other, and with the pair
+//! of edges that is deepest; a capsule touches a polyhedron with the two ends of the part of its axis that is over
+//! a face.
 
 use nalgebra::{Point3, Vector3};
 
@@ -10,7 +11,8 @@ use super::polyhedron::Polyhedron;
 use super::shape::Shape;
 use crate::spatial::Pose;
 
-/// A point that touches or may touch: a sphere (of radius zero for a vertex) fixed to one shape over the surface of the other.
+/// A point that touches or may touch: a sphere (of radius zero for a vertex) fixed to one shape over the surface of
+/// the other.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Touch {
     /// Centre of the sphere, world axes.
@@ -199,7 +201,8 @@ fn edges_across((a, X_WA): (&Polyhedron, &Pose), (b, X_WB): (&Polyhedron, &Pose)
     best
 }
 
-/// The part of a capsule's axis that is over the face from which it is furthest, or else the edge that is closest to it.
+/// The part of a capsule's axis that is over the face from which it is furthest, or else the edge that is closest
+/// to it.
 fn capsule_on_polyhedron(
     ends: &[Vector3<f64>; 2],
     radius: f64,
@@ -313,7 +316,7 @@ mod tests {
         let drum = Shape::cylinder(0.3, 0.8).unwrap();
         let lying = Pose::from_parts(
             Translation3::new(0.0, 0.0, 0.13),
-            Rotation3::from_axis_angle(&Vector3::x_axis(), 1.5707963267948966),
+            Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2),
         );
         for (first, second, count, depth) in [
             (

@@ -12,6 +12,8 @@ use crate::spatial::Pose;
 
 /// Events in one call of [`ContactWorld::step`] from which on none is located any more.
 const EVENTS: usize = 10_000;
+/// Steps in one call of [`ContactWorld::step`] from which on it fails.
+const STEPS: usize = 200_000;
 /// Iterations that locate an event.
 const LOCATING: usize = 60;
 /// Depth \[m\] up to which an event counts as located.
@@ -47,6 +49,15 @@ pub enum ContactError {
         second: String,
         /// Why not.
         reason: &'static str,
+    },
+    /// The motion cannot be integrated.
+    #[error(
+        "contact at {time} s cannot be integrated to the tolerance: states or efforts are not finite, or the law is too stiff; \
+         raise the tolerance or the stiction speed, or lower the stiffness"
+    )]
+    NotConverged {
+        /// Time \[s\].
+        time: f64,
     },
     /// Two bodies overlap at the start.
     #[error("{first} and {second} overlap by {depth:.2e} m at the start; move them apart")]
@@ -106,10 +117,10 @@ pub struct ContactWork {
     pub events: usize,
 }
 
-/// Several floating systems that touch, stepped together. Steps are as long as accuracy allows, however stiff the contacts are:
-/// [Radau's implicit method](https://doi.org/10.1007/978-3-642-05221-7) of order 5 with error control, from event to event.
-/// Total momentum is conserved to rounding at any tolerance. Of joint physics, springs and dampers act; friction, stops and speed
-/// limits of joints do not.
+/// Several floating systems that touch, stepped together. Steps are as long as accuracy allows, however stiff the
+/// contacts are: [Radau's implicit method](https://doi.org/10.1007/978-3-642-05221-7) of order 5 with error
+/// control, from event to event. Total momentum is conserved to rounding at any tolerance. Of joint physics,
+/// springs and dampers act; friction, stops and speed limits of joints do not.
 ///
 /// ```
 /// use fuyu_physics::dynamics::contact::{ContactLaw, ContactWorld, Shape};
@@ -131,7 +142,7 @@ pub struct ContactWork {
 /// let [a, b] = [0, 1].map(|i| world.add_collider(i, 0, Pose::identity(), Shape::Sphere { radius: 0.1 }));
 /// let law = ContactLaw { dissipation: 0.0, ..ContactLaw::default() };
 /// world.add_pair(a, b, law)?;
-/// world.step(1.0);
+/// world.step(1.0)?;
 /// // Without dissipation they exchange their velocities.
 /// assert!((world.systems()[1].state().momentum_W.linear.x - 1.0).abs() < 1e-8);
 /// # Ok::<(), fuyu_physics::dynamics::contact::ContactError>(())
@@ -151,6 +162,8 @@ pub struct ContactWorld {
     is_changed: bool,
     work: ContactWork,
     events: Vec<ContactEvent>,
+    /// Longest step of the systems' own integrators.
+    free_step: Option<f64>,
 }
 
 impl ContactWorld {
@@ -167,6 +180,7 @@ impl ContactWorld {
             is_changed: true,
             work: ContactWork::default(),
             events: Vec::with_capacity(KEPT),
+            free_step: None,
             systems,
         }
     }
@@ -176,6 +190,14 @@ impl ContactWorld {
     pub fn with_tolerance(mut self, tolerance: f64) -> Self {
         self.tolerance = tolerance.clamp(1e-13, 1e-2);
         self.is_changed = true;
+        self
+    }
+
+    /// The same world, whose systems are stepped by their own integrators, in steps of at most `dt` \[s\], while
+    /// nothing can touch: then with friction, stops and speed limits of joints, and exactly as without contact.
+    #[must_use]
+    pub fn with_free_steps(mut self, dt: f64) -> Self {
+        self.free_step = Some(dt);
         self
     }
 
@@ -244,6 +266,11 @@ impl ContactWorld {
             Some("they are on one body")
         } else if a.shape == Shape::HalfSpace && b.shape == Shape::HalfSpace {
             Some("both are half-spaces")
+        } else if [a, b]
+            .iter()
+            .any(|c| !self.systems[c.system].loops().closures().is_empty())
+        {
+            Some("one of them is part of a mechanism with closed loops")
         } else {
             None
         };
@@ -283,7 +310,8 @@ impl ContactWorld {
         &mut self.systems[i]
     }
 
-    /// Held efforts and external wrenches of a system. Unlike [`Self::system_mut`] this keeps what the integration has learned.
+    /// Held efforts and external wrenches of a system. Unlike [`Self::system_mut`] this keeps what the integration
+    /// has learned.
     pub fn input_mut(&mut self, i: usize) -> &mut Input {
         self.systems[i].input_mut()
     }
@@ -350,8 +378,8 @@ impl ContactWorld {
             .sum()
     }
 
-    /// Estimate of the error that counts as one. It is of a lower order than the method, so that it may be larger than the error wanted
-    /// (the transformation of tolerances in Hairer's program RADAU5).
+    /// Estimate of the error that counts as one. It is of a lower order than the method, so that it may be larger
+    /// than the error wanted (the transformation of tolerances in Hairer's program RADAU5).
     fn estimate(&self) -> f64 {
         0.1 * self.tolerance.powf(2.0 / 3.0)
     }
@@ -370,8 +398,8 @@ impl ContactWorld {
         for (member, system) in self.scene.members.iter_mut().zip(&self.systems) {
             member.held.copy_from(system.input());
         }
+        self.scene.look(&self.y);
         if std::mem::take(&mut self.is_changed) {
-            self.scene.look(&self.y);
             self.change_modes(0.0);
         }
     }
@@ -406,15 +434,27 @@ impl ContactWorld {
     }
 
     /// Advances all systems by `dt` \[s\] under their held inputs.
-    pub fn step(&mut self, dt: f64) {
+    ///
+    /// # Errors
+    /// [`ContactError::NotConverged`]; the systems then stay where they are.
+    pub fn step(&mut self, dt: f64) -> Result<(), ContactError> {
         self.begin();
+        if let Some(free_step) = self.free_step
+            && self.scene.is_apart(dt)
+        {
+            let steps = (dt / free_step).ceil().max(1.0);
+            for system in &mut self.systems {
+                system.step(dt / steps, steps as usize);
+            }
+            self.radau.restart();
+            return Ok(());
+        }
         self.radau.begin(&self.y, &mut self.scene);
         let (mut left, mut events) = (dt, 0);
+        let first = self.work.steps;
         while left > 0.0 {
-            let wanted = self
-                .next_step
-                .min(self.scene.longest_step())
-                .max(SMALLEST * dt);
+            let wanted = self.next_step.min(self.scene.longest_step());
+            let wanted = wanted.max(SMALLEST * dt);
             // Not a tiny rest at the end.
             let h = if wanted >= left {
                 left
@@ -424,6 +464,15 @@ impl ContactWorld {
                 wanted
             };
             let taken = self.advance(h, dt - left, SMALLEST * dt, &mut events);
+            let Some(taken) = taken.filter(|_| self.work.steps - first < STEPS) else {
+                self.is_changed = true;
+                let start = self
+                    .systems
+                    .first()
+                    .map_or(0.0, |system| system.state().time);
+                let time = start + dt - left;
+                return Err(ContactError::NotConverged { time });
+            };
             left = if taken >= left { 0.0 } else { left - taken };
         }
         for (i, system) in self.systems.iter_mut().enumerate() {
@@ -434,10 +483,18 @@ impl ContactWorld {
                 state.time = end;
             });
         }
+        Ok(())
     }
 
     /// One step of at most `h`, `elapsed` after the start, at the end of which an event may be; returns its length.
-    fn advance(&mut self, mut h: f64, elapsed: f64, smallest: f64, events: &mut usize) -> f64 {
+    /// `None` if not even the smallest step converges.
+    fn advance(
+        &mut self,
+        mut h: f64,
+        elapsed: f64,
+        smallest: f64,
+        events: &mut usize,
+    ) -> Option<f64> {
         let iteration = self.iteration_tolerance();
         if self.radau.is_new() || self.radau.iterations > SLOW {
             self.set_jacobian();
@@ -448,9 +505,7 @@ impl ContactWorld {
                 self.work.rejected += 1;
                 if self.radau.is_current {
                     if h <= smallest {
-                        // Nothing converges: go on with what there is.
-                        self.accept(h);
-                        return h;
+                        return None;
                     }
                     h *= 0.5;
                 } else {
@@ -459,24 +514,31 @@ impl ContactWorld {
                 continue;
             };
             let factor = 0.9 * error.max(1e-8).powf(-0.25);
-            if error > 1.0 && h > smallest {
+            if !error.is_finite() && h <= smallest {
+                return None;
+            }
+            if (error > 1.0 || error.is_nan()) && h > smallest {
                 self.work.rejected += 1;
-                h *= factor.clamp(0.1, 0.9);
+                h *= if error.is_nan() {
+                    0.1
+                } else {
+                    factor.clamp(0.1, 0.9)
+                };
                 continue;
             }
-            if let Some(after) = self.find_violation(h) {
-                if *events < EVENTS {
-                    *events += 1;
-                    let taken = self.locate(after, iteration);
-                    self.accept(taken);
-                    self.scene.look(&self.y);
-                    self.change_modes(elapsed + taken);
-                    self.work.events += 1;
-                    self.radau.restart();
-                    self.radau.begin(&self.y, &mut self.scene);
-                    self.next_step = h;
-                    return taken;
-                }
+            if let Some(after) = self.find_violation(h)
+                && *events < EVENTS
+            {
+                *events += 1;
+                let taken = self.locate(after, iteration);
+                self.accept(taken);
+                self.scene.look(&self.y);
+                self.change_modes(elapsed + taken);
+                self.work.events += 1;
+                self.radau.restart();
+                self.radau.begin(&self.y, &mut self.scene);
+                self.next_step = h;
+                return Some(taken);
             }
             // A step that is kept spares a factorization.
             self.next_step = if (1.0..1.2).contains(&factor) {
@@ -486,7 +548,7 @@ impl ContactWorld {
             };
             self.accept(h);
             self.radau.begin(&self.y, &mut self.scene);
-            return h;
+            return Some(h);
         }
     }
 
