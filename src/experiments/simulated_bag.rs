@@ -13,8 +13,8 @@ use crate::{
         camera,
         controller::ControllerMessages,
         dynamics::{
-            FrameTree, Target, World, appendage_states, imu, joint_states, momentum, odometry,
-            star_tracker_message, target_joint_states, wheel_states,
+            FrameTree, Target, World, appendage_states, external_impulse, imu, joint_states,
+            momentum, odometry, star_tracker_message, target_joint_states, wheel_states,
         },
         features::feature_frame_to_msg,
         teleop, topics,
@@ -46,6 +46,8 @@ struct RobotTopics {
     odometry: TopicId,
     targets: Vec<TargetTopics>,
     momentum: TopicId,
+    /// If the robot can grasp targets.
+    external_impulse: Option<TopicId>,
     appendages: Option<TopicId>,
     wheels: Option<TopicId>,
     imu: TopicId,
@@ -175,6 +177,10 @@ impl RobotTopics {
                 .map(|target| TargetTopics::new(&mut w, target))
                 .collect::<Result<_, _>>()?,
             momentum: w.add(&topics::MOMENTUM)?,
+            external_impulse: match run.world.graspable_targets().next() {
+                Some(_) => Some(w.add(&topics::EXTERNAL_IMPULSE)?),
+                None => None,
+            },
             appendages: match appendage_states(Time::ZERO, frames.base(), &run.world) {
                 Some(_) => Some(w.add(&topics::APPENDAGES)?),
                 None => None,
@@ -265,6 +271,10 @@ impl SimulatedBag {
             topics.write(w, stamp, target)?;
         }
         w.write_message(t.momentum, log, &momentum(stamp, &world.robot))?;
+        let change = world.change_from_outside();
+        if let (Some(topic), Some(change)) = (t.external_impulse, change) {
+            w.write_message(topic, log, &external_impulse(stamp, &change))?;
+        }
         if let (Some(topic), Some(message)) = (t.appendages, appendage_states(stamp, base, world)) {
             w.write_message(topic, log, &message)?;
         }

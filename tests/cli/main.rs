@@ -10,6 +10,7 @@ mod examples;
 mod flexible;
 mod free_motion;
 mod fuyu;
+mod grasps;
 mod input_files;
 mod inspect;
 mod reproduce;

@@ -4,6 +4,7 @@ mod appendages;
 mod bodies;
 mod elastic_joints;
 mod flexible;
+mod grasps;
 mod joint_physics;
 mod lockstep;
 mod motions;
@@ -34,6 +35,8 @@ use crate::{
 pub use appendages::AppendageParams;
 use bodies::finite_list;
 pub use flexible::FlexibleParams;
+pub use grasps::GraspParams;
+use grasps::declare_grasps;
 use joint_physics::declare_joint_physics;
 pub use lockstep::LockstepOn;
 pub use motions::{BaseReaction, LiveBaseReaction, MotionParams};
@@ -62,6 +65,8 @@ pub struct DynamicsParams {
     pub flexible: FlexibleParams,
     /// Other free-floating bodies.
     pub targets: Vec<TargetParams>,
+    /// Grasps by which the robot can hold targets.
+    pub grasps: Vec<GraspParams>,
     /// Namespaces of all robots of this world, if there are several; the first one's node owns the time.
     pub robots: Vec<String>,
     /// Folders from which peers may name files to spawn.
@@ -224,6 +229,7 @@ impl DynamicsParams {
             let joints = InitialJoints::declare(declare, &name);
             targets.push((name, key, file, lookup, motion, joints));
         }
+        let grasps = declare_grasps(declare);
         let imu = ImuParams::declare(declare);
         let star_tracker = declare_star_tracker(declare);
         let method = choice::declare(
@@ -378,7 +384,7 @@ impl DynamicsParams {
             );
         }
 
-        let (base, loop_closures, flexible) = (base?, loop_closures?, flexible?);
+        let (base, loop_closures, flexible, grasps) = (base?, loop_closures?, flexible?, grasps?);
         // The declaration has refused any other text.
         let formulation = choice::find(&FormulationKind::NAMES, &formulation).unwrap_or_default();
         if !loop_closures.is_empty() && formulation != FormulationKind::Reduced {
@@ -425,6 +431,7 @@ impl DynamicsParams {
             base,
             flexible,
             targets,
+            grasps,
             robots,
             resource_folders: AllowedFolders::new(resource_folders),
             imu,

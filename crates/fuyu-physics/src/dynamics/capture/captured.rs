@@ -1,8 +1,9 @@
 //! Robot and target joined by a grasp: one floating system.
 
-use nalgebra::{DVector, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::impulse::{JointReaction, Latch, LatchImpulses, LatchPair, System, close_latches};
+use super::parts::RobotPart;
 use crate::dynamics::{
     Direction, Floating, IntegrationMethod, JointPhysics, LoopClosure, LoopError, Loops, Momentum,
     State,
@@ -76,7 +77,7 @@ pub enum CaptureError {
 
 /// Where a coordinate of the robot is now.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Place {
+pub(super) enum Place {
     Coordinate(usize),
     Locked(f64),
 }
@@ -95,17 +96,18 @@ struct SecondGrasp {
 /// chosen again whenever two of them come close to each other.
 #[derive(Debug, Clone)]
 pub struct Captured {
-    floating: Floating,
+    pub(super) floating: Floating,
     method: IntegrationMethod,
     joint_physics: JointPhysics,
     /// The robot as it was, without locked joints, and the target.
-    robot: Model,
+    pub(super) robot: Model,
     carrier: Model,
     target: Model,
     grasp: Grasp,
     second: Vec<SecondGrasp>,
-    joined: Joined,
-    places: Vec<Place>,
+    pub(super) joined: Joined,
+    pub(super) places: Vec<Place>,
+    pub(super) part: RobotPart,
     prefix: String,
 }
 
@@ -194,8 +196,14 @@ impl Captured {
             latch: grasp.latch,
         };
         let impulses = close_latches(&mut systems, &[pair]);
-        let captured = Self::joined(robot, target, grasp, method, &impulses.states);
+        let mut captured = Self::joined(robot, target, grasp, method, &impulses.states);
+        captured.lose(impulses.energy_lost);
         Ok((captured, impulses))
+    }
+
+    /// Counts the energy that an impulse has lost as work, so that work explains the kinetic energy.
+    fn lose(&mut self, energy: f64) {
+        self.floating.change_state(|state| state.work -= energy);
     }
 
     /// The joined system of states that fit the latch.
@@ -285,6 +293,7 @@ impl Captured {
             }
         }
         Self {
+            part: RobotPart::new(&robot_model, &joined.model),
             floating,
             method,
             joint_physics: JointPhysics::default(),
@@ -354,6 +363,7 @@ impl Captured {
         let impulses = close_latches(&mut system, &pairs);
         let floating = closed(&model, &frames, impulses.states[0].clone(), self.method)?;
         self.replace(floating);
+        self.lose(impulses.energy_lost);
         self.second = all;
         Ok(impulses)
     }
@@ -422,15 +432,22 @@ impl Captured {
 
     /// Advances by `steps` steps of `dt` \[s\] under the held input.
     pub fn step(&mut self, dt: f64, steps: usize) {
-        let [_, tilt, _] = self.joined.connection[..] else {
+        if self.joined.connection.is_empty() {
             self.floating.step(dt, steps);
             return;
-        };
+        }
         for _ in 0..steps {
             self.floating.step(dt, 1);
-            if self.floating.state().q[tilt].abs() > TILTED {
-                self.choose_axes();
-            }
+            self.choose_axes_if_tilted();
+        }
+    }
+
+    /// Chooses the axes of a spherical joint again if two of them come close to each other.
+    pub(super) fn choose_axes_if_tilted(&mut self) {
+        if let [_, tilt, _] = self.joined.connection[..]
+            && self.floating.state().q[tilt].abs() > TILTED
+        {
+            self.choose_axes();
         }
     }
 
@@ -487,46 +504,6 @@ impl Captured {
         let V_B = workspace.V_WF_B(root);
         let V_W = Twist::new(X_WB.rotation * V_B.angular, X_WB.rotation * V_B.linear);
         (X_WB * workspace.X_BF(root), V_W)
-    }
-
-    /// Joint positions and rates of the robot, in its own order; those of locked joints do not change.
-    pub fn robot_joints(&self) -> (DVector<f64>, DVector<f64>) {
-        let state = self.floating.state();
-        let at = |place: &Place| match *place {
-            Place::Coordinate(j) => (state.q[j], state.qd[j]),
-            Place::Locked(q) => (q, 0.0),
-        };
-        let (q, qd): (Vec<f64>, Vec<f64>) = self.places.iter().map(at).unzip();
-        (q.into(), qd.into())
-    }
-
-    /// Joint positions and rates of the target, in its own order.
-    pub fn target_joints(&self) -> (DVector<f64>, DVector<f64>) {
-        let state = self.floating.state();
-        let of = |values: &DVector<f64>| {
-            let of_target = self.joined.second.iter().map(|j| values[*j]);
-            DVector::from_iterator(self.joined.second.len(), of_target)
-        };
-        (of(&state.q), of(&state.qd))
-    }
-
-    /// Holds joint efforts of the robot \[N m or N\], in its own order, each within its limit; those of locked
-    /// joints have no effect.
-    ///
-    /// # Panics
-    /// If `efforts` does not have one element per joint of the robot.
-    pub fn hold_robot_efforts(&mut self, efforts: &[f64]) {
-        assert_eq!(
-            efforts.len(),
-            self.places.len(),
-            "efforts must have one element per joint of the robot"
-        );
-        let held = &mut self.floating.input_mut().efforts;
-        for ((place, effort), joint) in self.places.iter().zip(efforts).zip(self.robot.joints()) {
-            if let Place::Coordinate(j) = *place {
-                held[j] = effort.clamp(-joint.limits.effort, joint.limits.effort);
-            }
-        }
     }
 }
 

@@ -35,6 +35,7 @@
 
 mod captured;
 mod impulse;
+mod parts;
 mod release;
 
 pub use captured::{CaptureError, Captured, Grasp};

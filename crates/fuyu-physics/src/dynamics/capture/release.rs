@@ -93,7 +93,8 @@ impl Captured {
         ];
         let direction = X_WG.rotation * spring.direction;
         let pushed = push_apart(&mut systems, &pair, &direction, spring.energy);
-        let [robot, target]: [State; 2] = pushed.states.try_into().expect("two systems");
+        let [mut robot, target]: [State; 2] = pushed.states.try_into().expect("two systems");
+        robot.work -= pushed.energy_lost;
         Released { robot, target }
     }
 }

@@ -5,6 +5,8 @@
 //! friction or bristles. Forces are equal and opposite at one point, so that total momentum does not change. Events
 //! are located, and steps are controlled by their error.
 
+mod error;
+mod events;
 mod law;
 mod polyhedron;
 mod radau;
@@ -13,7 +15,9 @@ mod shape;
 mod touch;
 mod world;
 
+pub use error::ContactError;
+pub use events::{ColliderId, ContactEvent, ContactPoint, ContactWork};
 pub use law::{Bristle, ContactLaw, LawError};
 pub use polyhedron::Polyhedron;
 pub use shape::{Shape, ShapeError};
-pub use world::{ColliderId, ContactError, ContactEvent, ContactPoint, ContactWork, ContactWorld};
+pub use world::ContactWorld;

@@ -1,8 +1,8 @@
 //! Several floating systems that touch, stepped together.
 
-use nalgebra::Vector3;
-
-use super::law::{ContactLaw, LawError};
+use super::error::ContactError;
+use super::events::{ColliderId, ContactEvent, ContactPoint, ContactWork};
+use super::law::ContactLaw;
 use super::radau::Radau;
 use super::scene::{Collider, Pair, Scene};
 use super::shape::Shape;
@@ -23,99 +23,8 @@ const SMALLEST: f64 = 1e-12;
 /// Iterations beyond which the next step gets a new Jacobian.
 const SLOW: usize = 4;
 
-/// A collider of a [`ContactWorld`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ColliderId(usize);
-
-/// Why a pair of colliders is not accepted, or two bodies cannot be where they are.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ContactError {
-    /// A parameter of the law is out of range.
-    #[error("contact of {first} and {second}: {problem}")]
-    Law {
-        /// First body.
-        first: String,
-        /// Second body.
-        second: String,
-        /// What is wrong.
-        problem: LawError,
-    },
-    /// Both colliders are on one body, or both are half-spaces.
-    #[error("{first} and {second} cannot touch each other: {reason}")]
-    Pair {
-        /// First body.
-        first: String,
-        /// Second body.
-        second: String,
-        /// Why not.
-        reason: &'static str,
-    },
-    /// The motion cannot be integrated.
-    #[error(
-        "contact at {time} s cannot be integrated to the tolerance: states or efforts are not finite, or the law is too stiff; \
-         raise the tolerance or the stiction speed, or lower the stiffness"
-    )]
-    NotConverged {
-        /// Time \[s\].
-        time: f64,
-    },
-    /// Two bodies overlap at the start.
-    #[error("{first} and {second} overlap by {depth:.2e} m at the start; move them apart")]
-    Overlap {
-        /// First body.
-        first: String,
-        /// Second body.
-        second: String,
-        /// Depth \[m\].
-        depth: f64,
-    },
-}
-
-/// A point at which two bodies touch.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ContactPoint {
-    /// The two colliders.
-    pub colliders: [ColliderId; 2],
-    /// Where the forces act, world \[m\].
-    pub at: Vector3<f64>,
-    /// Unit normal from the second to the first, world axes.
-    pub normal: Vector3<f64>,
-    /// Depth \[m\].
-    pub depth: f64,
-    /// Force on the first body, world axes \[N\]; its opposite acts on the second.
-    pub force: Vector3<f64>,
-    /// Velocity of the first relative to the second along the surface, world axes \[m/s\].
-    pub slip: Vector3<f64>,
-}
-
-/// A point begins or ends to touch.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ContactEvent {
-    /// Time \[s\].
-    pub time: f64,
-    /// The two colliders.
-    pub colliders: [ColliderId; 2],
-    /// Number of the point of this pair.
-    pub point: usize,
-    /// Whether it begins.
-    pub begins: bool,
-}
-
 /// Events that are kept until they are taken.
 const KEPT: usize = 1024;
-
-/// Counts of what the integration has done.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct ContactWork {
-    /// Steps.
-    pub steps: usize,
-    /// Steps that were repeated with a shorter one.
-    pub rejected: usize,
-    /// Jacobians.
-    pub jacobians: usize,
-    /// Events: contacts that began or ended.
-    pub events: usize,
-}
 
 /// Several floating systems that touch, stepped together. Steps are as long as accuracy allows, however stiff the
 /// contacts are: [Radau's implicit method](https://doi.org/10.1007/978-3-642-05221-7) of order 5 with error
