@@ -377,11 +377,6 @@ impl World {
         self.drive.twist_servo()
     }
 
-    /// Wrenches from outside.
-    pub(super) fn wrenches(&self) -> &ExternalWrenches {
-        &self.wrenches
-    }
-
     /// What wrenches from outside and thrusters have changed since the start; `None` if none has acted.
     pub fn external_change(&self) -> Option<&ExternalChange> {
         self.wrenches.change()

@@ -150,6 +150,13 @@ fn bar(world: &ContactWorld) -> Vector3<f64> {
     X_WE.inverse_transform_point(&p).coords
 }
 
+/// Processor time of this thread \[s\]: what a loaded machine does not change.
+fn cpu_time() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    let nanoseconds = text.split(' ').next().and_then(|x| x.parse::<f64>().ok());
+    1e-9 * nanoseconds.unwrap_or_default()
+}
+
 /// Momentum over 20 s of grip, and its cost. What MuJoCo reaches at 1 ms is 1.2e-5 N s, 5e-5 N m s and 82 times
 /// real time.
 #[test]
@@ -158,7 +165,7 @@ fn a_gripper_holds_300_kg_and_keeps_momentum() {
     let total =
         |world: &ContactWorld| momentum(&[world.systems()[0].state(), world.systems()[1].state()]);
     let (P, L) = total(&world);
-    let begin = Instant::now();
+    let begin = cpu_time();
     let mut held = Vector3::zeros();
     for k in 0..2000 {
         world.step(0.01).unwrap();
@@ -166,12 +173,12 @@ fn a_gripper_holds_300_kg_and_keeps_momentum() {
             held = bar(&world);
         }
     }
-    let factor = 20.0 / begin.elapsed().as_secs_f64();
+    let factor = 20.0 / (cpu_time() - begin);
     let (P_now, L_now) = total(&world);
     let (dP, dL) = ((P_now - P).norm(), (L_now - L).norm());
     let slip = (bar(&world) - held).norm();
     println!(
-        "{factor:.0} times real time, dP {dP:.1e}, dL {dL:.1e}, slip {slip:.1e} m, {:?}",
+        "{factor:.0} times real time (processor time), dP {dP:.1e}, dL {dL:.1e}, slip {slip:.1e} m, {:?}",
         world.work()
     );
     assert!(dP <= 1e-9 && dL <= 1e-8, "{dP:e} {dL:e}");

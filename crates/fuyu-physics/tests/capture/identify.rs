@@ -1,12 +1,13 @@
 //! Identification of a captured or pushed body (`inertia_id.json`).
 
+use fuyu_physics::dynamics::{State, Workspace};
 use fuyu_physics::estimation::inertia::{
     GyroSample, IdentificationError, InertiaParameters, Push, TwistSample, identify,
     identify_from_pushes, identify_from_twists,
 };
-use fuyu_physics::model::{Frame, Model};
+use fuyu_physics::model::{Connection, Frame, Model, ModelBuilder};
 use fuyu_physics::spatial::Twist;
-use nalgebra::{DVector, SVector, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3xX, SVector, Vector3};
 use rand::SeedableRng;
 use rand::rngs::StdRng;
 use rand_distr::{Distribution, Normal};
@@ -86,6 +87,87 @@ fn gyro_and_encoders_alone_determine_the_inertia() {
                 (sd / (expected * scale) - 1.0).abs() < 0.25,
                 "{name}: {sd} {}",
                 expected * scale
+            );
+        }
+    }
+}
+
+/// What the gyro measures if the grasp frame carries a body with these parameters: from the tree of both, whose recursions
+/// share nothing with the regressor.
+fn gyro(
+    model: &Model,
+    parameters: &SVector<f64, 10>,
+    momentum: &Vector3<f64>,
+    s: &GyroSample,
+) -> Vector3<f64> {
+    let inertia = InertiaParameters::from_vector(parameters).rigid();
+    let payload = ModelBuilder::new("payload", "payload", inertia).build();
+    let X_BF = &tool(model).X_BF;
+    let joined = model.joined(
+        tool(model).body,
+        &payload,
+        Connection::Weld,
+        X_BF,
+        X_BF,
+        "held/",
+    );
+    let mut state = State::at_rest_with(&joined.model, &s.q);
+    (state.R_WB, state.qd) = (s.R_WB, s.qd.clone());
+    state.momentum_W.angular = *momentum;
+    let mut workspace = Workspace::new(&joined.model);
+    workspace.set_positions(&state.q);
+    workspace.set_motion(&state);
+    workspace.V_WB_B().angular
+}
+
+/// Standard deviations to 1 % of the Cramér-Rao bound, from differences of what the gyro would measure.
+#[test]
+fn standard_deviations_are_those_of_the_bound() {
+    let file = fixture("inertia_id");
+    let model = servicer(0.0);
+    let truth = truth(&file).to_vector();
+    for case in list(&file["fixtures"]) {
+        let samples = gyro_samples(&case["samples"]);
+        let found = identify(&model, tool(&model), &samples, known(case), 1e-4).unwrap();
+        let L = vector(&case["Lc"]);
+        let unknowns = if known(case).is_some() { 10 } else { 13 };
+        let mut information = DMatrix::<f64>::zeros(unknowns, unknowns);
+        for sample in &samples {
+            let derivative = |k: usize| {
+                let size = if k < 10 {
+                    truth[k].abs().max(1e-2 * truth.amax())
+                } else {
+                    L.norm().max(1.0)
+                };
+                let h = 1e-4 * size;
+                let at = |h: f64| {
+                    let (mut parameters, mut momentum) = (truth, L);
+                    if k < 10 {
+                        parameters[k] += h;
+                    } else {
+                        momentum[k - 10] += h;
+                    }
+                    gyro(&model, &parameters, &momentum, sample)
+                };
+                (at(h) - at(-h)) / (2.0 * h)
+            };
+            let columns: Vec<Vector3<f64>> = (0..unknowns).map(derivative).collect();
+            let jacobian = Matrix3xX::from_columns(&columns);
+            information += jacobian.tr_mul(&jacobian) / (1e-4f64 * 1e-4);
+        }
+        // Scaled to ones on the diagonal, for the accuracy of the inverse.
+        let scale = information.diagonal().map(|x| 1.0 / x.sqrt());
+        let scaled = DMatrix::from_fn(unknowns, unknowns, |i, j| {
+            information[(i, j)] * scale[i] * scale[j]
+        });
+        let covariance = scaled.try_inverse().unwrap();
+        for i in 0..10 {
+            let bound = covariance[(i, i)].sqrt() * scale[i];
+            let sd = found.covariance.parameters[(i, i)].sqrt();
+            assert!(
+                (sd / bound - 1.0).abs() < 0.01,
+                "{}: {i}: {sd} {bound}",
+                case["name"]
             );
         }
     }

@@ -244,14 +244,14 @@ fn ball_joints_turn_any_way() {
     let mut one = start(&robot, &target);
     let (P, L) = momentum(&[one.floating().state()]);
     let energy = one.floating().workspace().kinetic_energy();
-    one.step(0.005, 4000);
+    one.step(0.0025, 4000);
     let (P_now, L_now) = momentum(&[one.floating().state()]);
     assert!((P - P_now).norm() < 1e-12 * P.norm() && (L - L_now).norm() < 1e-12 * L.norm());
     let drift = (one.floating().workspace().kinetic_energy() / energy - 1.0).abs();
     assert!(drift < 1e-9, "{drift:e}");
     // The same motion in other coordinates: released and grasped again after a while, which has no impulse.
     let mut other = start(&robot, &target);
-    other.step(0.005, 700);
+    other.step(0.0025, 1400);
     let apart = other.release(None);
     let (mut of_robot, mut of_target) = (robot.clone(), target.clone());
     of_robot.set_state(apart.robot);
@@ -259,7 +259,7 @@ fn ball_joints_turn_any_way() {
     let (mut other, impulse) =
         Captured::new(&of_robot, &of_target, &grasp, IntegrationMethod::Dop8).unwrap();
     assert!(impulse.on_first[0].force.norm() < 1e-10);
-    other.step(0.005, 3300);
+    other.step(0.0025, 2600);
     let (X, V) = one.target_motion();
     let (X_other, V_other) = other.target_motion();
     near(

@@ -167,6 +167,8 @@ pub(super) struct Radau {
     /// Iterations of the last step, and their rate of convergence.
     pub iterations: usize,
     pub convergence: f64,
+    /// Whether the stages of the last step are finite.
+    pub is_finite: bool,
 }
 
 impl Radau {
@@ -194,6 +196,7 @@ impl Radau {
             last_z: three(),
             iterations: 0,
             convergence: 0.0,
+            is_finite: true,
         }
     }
 
@@ -261,10 +264,12 @@ impl Radau {
             let is_regular = self.real.set(MU_REAL / h, &self.jacobian)
                 && self.complex.set(MU_COMPLEX / h, &self.jacobian);
             self.factored = if is_regular { h } else { 0.0 };
+            self.is_finite = is_regular;
             if !is_regular {
                 return None;
             }
         }
+        self.is_finite = true;
         self.guess(h);
         let m_complex = MU_COMPLEX / h;
         let (mut last, mut theta): (f64, f64) = (f64::INFINITY, 0.0);
@@ -303,6 +308,7 @@ impl Radau {
             }
             let change = (squares / (3 * n) as f64).sqrt();
             if !change.is_finite() {
+                self.is_finite = false;
                 return None;
             }
             if iteration > 0 {

@@ -12,8 +12,11 @@ use crate::spatial::Pose;
 
 /// Events in one call of [`ContactWorld::step`] from which on none is located any more.
 const EVENTS: usize = 10_000;
-/// Steps in one call of [`ContactWorld::step`] from which on it fails.
+/// Steps in one call of [`ContactWorld::step`], rejected ones included, from which on it fails.
 const STEPS: usize = 200_000;
+/// Steps in one call, rejected ones included, from which on the tolerance is raised, and after how many more it is ten
+/// times as large: forces that jump, as those of polyhedra may, must not bring time to a halt.
+const HURDLE: (usize, usize) = (5000, 1000);
 /// Iterations that locate an event.
 const LOCATING: usize = 60;
 /// Depth \[m\] up to which an event counts as located.
@@ -66,6 +69,8 @@ pub struct ContactWorld {
     trial: Vec<f64>,
     /// Estimate of the error that counts as one, and the tolerance of the iteration relative to it.
     tolerance: f64,
+    /// By what the tolerance is raised.
+    raised: f64,
     next_step: f64,
     /// Whether colliders, pairs or states have changed since the last step.
     is_changed: bool,
@@ -85,6 +90,7 @@ impl ContactWorld {
             y: Vec::new(),
             trial: Vec::new(),
             tolerance: 1e-8,
+            raised: 1.0,
             next_step: f64::INFINITY,
             is_changed: true,
             work: ContactWork::default(),
@@ -97,7 +103,7 @@ impl ContactWorld {
     /// The same world with another tolerance: about the error per step \[m, rad, m/s, rad/s\]; 1e-8 by default.
     #[must_use]
     pub fn with_tolerance(mut self, tolerance: f64) -> Self {
-        self.tolerance = tolerance.clamp(1e-13, 1e-2);
+        self.tolerance = tolerance.clamp(1e-15, 1e-2);
         self.is_changed = true;
         self
     }
@@ -360,8 +366,11 @@ impl ContactWorld {
         }
         self.radau.begin(&self.y, &mut self.scene);
         let (mut left, mut events) = (dt, 0);
-        let first = self.work.steps;
+        let first = self.work.steps + self.work.rejected;
         while left > 0.0 {
+            let tries = self.work.steps + self.work.rejected - first;
+            let hurdles = tries.saturating_sub(HURDLE.0).div_ceil(HURDLE.1);
+            self.raised = 10f64.powi(hurdles.min(9) as i32);
             let wanted = self.next_step.min(self.scene.longest_step());
             let wanted = wanted.max(SMALLEST * dt);
             // Not a tiny rest at the end.
@@ -373,7 +382,7 @@ impl ContactWorld {
                 wanted
             };
             let taken = self.advance(h, dt - left, SMALLEST * dt, &mut events);
-            let Some(taken) = taken.filter(|_| self.work.steps - first < STEPS) else {
+            let Some(taken) = taken.filter(|_| tries < STEPS) else {
                 self.is_changed = true;
                 let start = self
                     .systems
@@ -404,23 +413,27 @@ impl ContactWorld {
         smallest: f64,
         events: &mut usize,
     ) -> Option<f64> {
-        let iteration = self.iteration_tolerance();
+        let iteration = self.iteration_tolerance() * self.raised;
         if self.radau.is_new() || self.radau.iterations > SLOW {
             self.set_jacobian();
         }
         loop {
             let error = self.radau.step(&self.y, h, iteration, &mut self.scene);
-            let Some(error) = error else {
-                self.work.rejected += 1;
-                if self.radau.is_current {
-                    if h <= smallest {
+            let error = match error {
+                Some(error) => error / self.raised,
+                // The smallest step is taken as it is.
+                None if h <= smallest && self.radau.is_current && self.radau.is_finite => 1.0,
+                None => {
+                    self.work.rejected += 1;
+                    if !self.radau.is_current {
+                        self.set_jacobian();
+                    } else if h <= smallest {
                         return None;
+                    } else {
+                        h *= 0.5;
                     }
-                    h *= 0.5;
-                } else {
-                    self.set_jacobian();
+                    continue;
                 }
-                continue;
             };
             let factor = 0.9 * error.max(1e-8).powf(-0.25);
             if !error.is_finite() && h <= smallest {
