@@ -207,7 +207,7 @@ impl World {
         }
         let mut reasons = Vec::new();
         for i in open {
-            match self.latch(i) {
+            match self.latch(i, self.time()) {
                 Ok(done) => return Ok(done),
                 Err(reason) => reasons.push(reason),
             }
@@ -222,7 +222,7 @@ impl World {
     pub fn detach(&mut self) -> Result<String, String> {
         let closed = self.grasps.all.iter().position(|g| g.is_closed);
         let closed = closed.ok_or_else(|| "no grasp is closed".to_owned())?;
-        Ok(self.open(closed))
+        Ok(self.open(closed, self.time()))
     }
 
     /// Name of the target that the robot holds.
@@ -310,7 +310,7 @@ impl World {
             if is_due(grasping.latch_is_due, grasping.params.at) {
                 grasping.latch_is_due = false;
                 if !grasping.is_closed
-                    && let Err(reason) = self.latch(i)
+                    && let Err(reason) = self.latch(i, time)
                 {
                     let failure = format!("at {time:.3} s: {reason}");
                     self.grasps.note(time, failure.clone());
@@ -321,15 +321,15 @@ impl World {
             if is_due(grasping.release_is_due, grasping.params.release_at) {
                 grasping.release_is_due = false;
                 if grasping.is_closed {
-                    self.open(i);
+                    self.open(i, time);
                 }
             }
-            self.follow_automatic(i);
+            self.follow_automatic(i, time);
         }
     }
 
     /// Latches a grasp that does so by itself, if its frames are close enough.
-    fn follow_automatic(&mut self, i: usize) {
+    fn follow_automatic(&mut self, i: usize, time: f64) {
         let grasping = &self.grasps.all[i];
         if !grasping.params.automatic || grasping.is_closed {
             return;
@@ -337,7 +337,7 @@ impl World {
         let is_near = self.check_apart(i).is_ok();
         if is_near && grasping.is_armed {
             // Another target may be held.
-            let _ = self.latch(i);
+            let _ = self.latch(i, time);
         } else if !is_near {
             self.grasps.all[i].is_armed = true;
         }
@@ -357,8 +357,8 @@ impl World {
         Ok(index)
     }
 
-    /// Latches grasp `i`.
-    fn latch(&mut self, i: usize) -> Result<String, String> {
+    /// Latches grasp `i` at `time` \[s\].
+    fn latch(&mut self, i: usize, time: f64) -> Result<String, String> {
         let index = self.check_apart(i)?;
         let held = self.held_target().map(str::to_owned);
         let Grasping { params, grasp, .. } = &self.grasps.all[i];
@@ -400,12 +400,12 @@ impl World {
         grasps.all[i].is_armed = false;
         self.count_change_by_targets(&before, &ExternalChange::default());
         let what = format!("grasp '{name}' holds {target}, {lost:.3e} J lost");
-        self.grasps.note(self.time(), what.clone());
+        self.grasps.note(time, what.clone());
         Ok(what)
     }
 
-    /// Opens all grasps, of which `i` is closed, with the spring of that one.
-    fn open(&mut self, i: usize) -> String {
+    /// Opens all grasps, of which `i` is closed, at `time` \[s\] with the spring of that one.
+    fn open(&mut self, i: usize, time: f64) -> String {
         let params = &self.grasps.all[i].params;
         let (target, spring) = (params.target.clone(), params.spring);
         let before = Carried::of(&self.robot);
@@ -419,7 +419,7 @@ impl World {
         self.count_change_by_targets(&before, &ExternalChange::default());
         self.grasps.forget();
         let what = format!("{target} is released");
-        self.grasps.note(self.time(), what.clone());
+        self.grasps.note(time, what.clone());
         what
     }
 
