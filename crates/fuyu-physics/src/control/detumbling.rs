@@ -130,7 +130,7 @@ impl GraspForceLimit {
     /// Angle until rest \[rad\].
     pub fn angle(&self, rate: f64) -> f64 {
         let sin = rate * rate / self.acceleration();
-        if sin >= 1.0 && sin <= 1.0 + 1e-12 {
+        if (1.0..=1.0 + 1e-12).contains(&sin) {
             FRAC_PI_4
         } else {
             0.5 * sin.asin()

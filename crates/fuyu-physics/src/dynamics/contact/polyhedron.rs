@@ -60,13 +60,11 @@ impl Polyhedron {
             }
         }
         let mut outlines = Vec::new();
-        for axis in 0..3 {
+        for axis in [Vector3::<f64>::x(), Vector3::y(), Vector3::z()] {
             for sign in signs {
-                let normal = Vector3::ith(axis, sign);
-                outlines.push((
-                    normal,
-                    (0..8).filter(|&i| vertices[i][axis] * sign > 0.0).collect(),
-                ));
+                let normal = axis * sign;
+                let is_on = |i: &usize| normal.dot(&vertices[*i]) > 0.0;
+                outlines.push((normal, (0..8).filter(is_on).collect()));
             }
         }
         Self::from_faces(vertices, outlines)

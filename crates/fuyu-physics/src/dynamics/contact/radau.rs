@@ -12,14 +12,14 @@ use nalgebra::{Complex, ComplexField};
 const C: [f64; 3] = [0.155_051_025_721_682_2, 0.644_948_974_278_317_8, 1.0];
 
 /// Eigenvalues of the inverse of the method's matrix.
-const MU_REAL: f64 = 3.637_834_252_744_495_6;
+const MU_REAL: f64 = 3.637_834_252_744_496;
 const MU_COMPLEX: Complex<f64> = Complex::new(2.681_082_873_627_752_3, -3.050_430_199_247_410_5);
 
 /// Its eigenvectors, and their inverse.
 const T: [[f64; 3]; 3] = [
     [
         0.094_438_762_488_975_24,
-        -0.141_255_295_020_954_21,
+        -0.141_255_295_020_954_2,
         0.030_029_194_105_147_42,
     ],
     [
@@ -91,7 +91,8 @@ impl<T: ComplexField<RealField = f64> + Copy> Factors<T> {
         for k in 0..n {
             let size = |i: usize| self.entries[i * n + k].norm1();
             let best = (k..n).fold(k, |best, i| if size(i) > size(best) { i } else { best });
-            if !(size(best) > 0.0) {
+            let largest = size(best);
+            if largest.is_nan() || largest <= 0.0 {
                 return false;
             }
             self.pivots[k] = best;
@@ -133,7 +134,7 @@ impl<T: ComplexField<RealField = f64> + Copy> Factors<T> {
             for (u, x) in self.entries[i * n + i + 1..].iter().zip(&*known) {
                 rest[i] -= *u * *x;
             }
-            rest[i] = rest[i] / self.entries[i * n + i];
+            rest[i] /= self.entries[i * n + i];
         }
     }
 }
@@ -227,13 +228,13 @@ impl Radau {
     pub fn set_jacobian(&mut self, y: &[f64], equations: &mut impl Equations) {
         let n = self.n;
         self.point.copy_from_slice(y);
-        for j in 0..n {
+        for (j, &start) in y.iter().enumerate() {
             // The square root of the rounding error, relative to the size of the entry.
-            let wanted = 1.5e-8 * equations.scale()[j].max(y[j].abs());
-            self.point[j] = y[j] + wanted;
-            let step = self.point[j] - y[j];
+            let wanted = 1.5e-8 * equations.scale()[j].max(start.abs());
+            self.point[j] = start + wanted;
+            let step = self.point[j] - start;
             equations.rates(&self.point, &mut self.shifted);
-            self.point[j] = y[j];
+            self.point[j] = start;
             for i in 0..n {
                 self.jacobian[i * n + j] = (self.shifted[i] - self.start_rates[i]) / step;
             }
@@ -301,9 +302,8 @@ impl Radau {
                 let s = equations.scale()[k];
                 squares +=
                     (real * real + complex.re * complex.re + complex.im * complex.im) / (s * s);
-                for i in 0..3 {
-                    self.z[i][k] =
-                        T[i][0] * self.w[0][k] + T[i][1] * self.w[1][k] + T[i][2] * self.w[2][k];
+                for (z, row) in self.z.iter_mut().zip(&T) {
+                    z[k] = row[0] * self.w[0][k] + row[1] * self.w[1][k] + row[2] * self.w[2][k];
                 }
             }
             let change = (squares / (3 * n) as f64).sqrt();

@@ -20,7 +20,7 @@ const HURDLE: (usize, usize) = (5000, 1000);
 /// Iterations that locate an event.
 const LOCATING: usize = 60;
 /// Depth \[m\] up to which an event counts as located.
-const LOCATED: f64 = 1e-13;
+const LOCATED: f64 = 1e-15;
 /// Smallest step relative to the whole. Where the error is still too large, the step is taken as it is.
 const SMALLEST: f64 = 1e-12;
 /// Iterations beyond which the next step gets a new Jacobian.
@@ -103,7 +103,7 @@ impl ContactWorld {
     /// The same world with another tolerance: about the error per step \[m, rad, m/s, rad/s\]; 1e-8 by default.
     #[must_use]
     pub fn with_tolerance(mut self, tolerance: f64) -> Self {
-        self.tolerance = tolerance.clamp(1e-15, 1e-2);
+        self.tolerance = tolerance.clamp(1e-16, 1e-2);
         self.is_changed = true;
         self
     }
@@ -522,12 +522,12 @@ impl ContactWorld {
     /// Finds the first event before `after`; the step then ends there. Returns its length.
     fn locate(&mut self, mut after: f64, iteration: f64) -> f64 {
         let (mut before, mut violation_before) = (0.0, None);
-        let mut violation_after = self.try_step(after, iteration);
+        let mut found_after = self.try_step(after, iteration);
+        // What the secant uses: halved where one side stays (the Illinois method).
+        let mut violation_after = found_after;
         let mut last_side = 0;
         for _ in 0..LOCATING {
-            if violation_after > 0.0 && violation_after <= LOCATED
-                || after - before <= 1e-14 * after
-            {
+            if found_after > 0.0 && found_after <= LOCATED || after - before <= 1e-14 * after {
                 break;
             }
             let guess = match violation_before {
@@ -545,7 +545,7 @@ impl ContactWorld {
             };
             let violation = self.try_step(time, iteration);
             if violation > 0.0 {
-                (after, violation_after) = (time, violation);
+                (after, found_after, violation_after) = (time, violation, violation);
                 if last_side == 1 {
                     violation_before = violation_before.map(|v| 0.5 * v);
                 }
