@@ -29,6 +29,8 @@ pub(super) struct Carried {
     supplied: f64,
     /// \[kg\]
     mass: f64,
+    /// Centre of mass \[m\].
+    p_WC: Vector3<f64>,
 }
 
 impl Carried {
@@ -37,9 +39,12 @@ impl Carried {
         Self::of(body, body.model().total_mass())
     }
 
-    /// Of the robot.
+    /// Of the robot, with the targets that it can grasp.
     pub fn of_robot(world: &World) -> Self {
         let mut carried = Self::of(&world.robot, world.robot.total_mass());
+        for target in world.graspable_targets() {
+            carried.add(&Self::of_target(&target.body));
+        }
         if let Some(change) = world.external_change() {
             carried.momentum_W.linear -= change.momentum_W.linear;
             carried.momentum_W.angular -= change.momentum_W.angular;
@@ -55,7 +60,26 @@ impl Carried {
             energy: body.kinetic_energy() + body.strain_energy(),
             supplied: body.state().work - body.lost_energy(),
             mass,
+            p_WC: body.state().p_WC,
         }
+    }
+
+    /// Adds another body: momentum becomes that about the common centre of mass.
+    fn add(&mut self, other: &Self) {
+        let (p, mass) = (self.p_WC, self.mass + other.mass);
+        self.p_WC = (p * self.mass + other.p_WC * other.mass) / mass;
+        let about = |p_WC: &Vector3<f64>, momentum: &Momentum| {
+            momentum.angular + (p_WC - self.p_WC).cross(&momentum.linear)
+        };
+        self.momentum_W.angular =
+            about(&p, &self.momentum_W) + about(&other.p_WC, &other.momentum_W);
+        self.momentum_W.linear += other.momentum_W.linear;
+        let arm = (other.p_WC - p).norm();
+        self.scale.0 += other.scale.0;
+        self.scale.1 += other.scale.1 + arm * other.scale.0;
+        self.energy += other.energy;
+        self.supplied += other.supplied;
+        self.mass = mass;
     }
 }
 

@@ -230,6 +230,7 @@ impl ClosedLoop {
     /// When the motion has diverged.
     pub fn advance(&mut self) -> Result<(), String> {
         self.world.step_to_tick();
+        self.world.check_grasps()?;
         self.world.check_divergence()
     }
 }

@@ -27,7 +27,7 @@ pub struct Event {
 }
 
 /// Finds events in the states of a run: joints that come to their stops or speed limits, wheels that come to their
-/// speed or torque limits, deformation that first-order modes do not describe.
+/// speed or torque limits, deformation that first-order modes do not describe, grasps that latch or open.
 #[derive(Debug, Default)]
 pub struct EventWatch {
     events: Vec<Event>,
@@ -37,6 +37,8 @@ pub struct EventWatch {
     excess: Option<(f64, String)>,
     /// The joints at the state before.
     earlier: Joints,
+    /// Number of events of grasps that were reported.
+    grasp_events: usize,
 }
 
 /// Time, positions and rates of joints.
@@ -77,6 +79,16 @@ impl EventWatch {
             of_wheels(robot, &mut now);
             self.see_deformation(world.time(), robot, &mut now);
         }
+        let of_grasps = world.grasp_events();
+        for event in of_grasps.iter().skip(self.grasp_events) {
+            if self.events.len() < MOST {
+                self.events.push(Event {
+                    time: event.time,
+                    what: event.what.clone(),
+                });
+            }
+        }
+        self.grasp_events = of_grasps.len();
         for what in &now {
             if !self.present.contains(what) && self.events.len() < MOST {
                 self.events.push(Event {

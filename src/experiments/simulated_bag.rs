@@ -46,6 +46,8 @@ struct RobotTopics {
     odometry: TopicId,
     targets: Vec<TargetTopics>,
     momentum: TopicId,
+    /// If the robot can grasp targets.
+    external_impulse: Option<TopicId>,
     appendages: Option<TopicId>,
     wheels: Option<TopicId>,
     external_impulse: Option<TopicId>,
@@ -176,6 +178,10 @@ impl RobotTopics {
                 .map(|target| TargetTopics::new(&mut w, target))
                 .collect::<Result<_, _>>()?,
             momentum: w.add(&topics::MOMENTUM)?,
+            external_impulse: match run.world.graspable_targets().next() {
+                Some(_) => Some(w.add(&topics::EXTERNAL_IMPULSE)?),
+                None => None,
+            },
             appendages: match appendage_states(Time::ZERO, frames.base(), &run.world) {
                 Some(_) => Some(w.add(&topics::APPENDAGES)?),
                 None => None,
@@ -270,6 +276,10 @@ impl SimulatedBag {
             topics.write(w, stamp, target)?;
         }
         w.write_message(t.momentum, log, &momentum(stamp, &world.robot))?;
+        let change = world.change_from_outside();
+        if let (Some(topic), Some(change)) = (t.external_impulse, change) {
+            w.write_message(topic, log, &external_impulse(stamp, &change))?;
+        }
         if let (Some(topic), Some(message)) = (t.appendages, appendage_states(stamp, base, world)) {
             w.write_message(topic, log, &message)?;
         }

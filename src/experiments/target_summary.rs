@@ -20,6 +20,15 @@ pub struct TargetSummary {
     pub energy_residual: f64,
 }
 
+/// Momentum and energy of a target; together with the robot, if that can grasp it.
+fn carried(world: &World, target: &Target) -> Carried {
+    let mut graspable = world.graspable_targets();
+    match graspable.any(|other| other.name == target.name) {
+        true => Carried::of_robot(world),
+        false => Carried::of_target(&target.body),
+    }
+}
+
 /// The balances of all targets with joints.
 pub(super) struct TargetBalances(Vec<Option<Balance>>);
 
@@ -29,7 +38,7 @@ impl TargetBalances {
         let balance = |target: &Target| {
             target
                 .has_joints()
-                .then(|| Balance::new(&Carried::of_target(&target.body)))
+                .then(|| Balance::new(&carried(world, target)))
         };
         Self(world.targets.iter().map(balance).collect())
     }
@@ -38,7 +47,7 @@ impl TargetBalances {
     pub fn see(&mut self, world: &World) {
         for (balance, target) in self.0.iter_mut().zip(&world.targets) {
             if let Some(balance) = balance {
-                balance.see(&Carried::of_target(&target.body));
+                balance.see(&carried(world, target));
             }
         }
     }

@@ -57,6 +57,13 @@ fn a_robot_of_ones_own_has_a_generalized_jacobian() {
 }
 
 #[test]
+fn a_captured_satellite_is_stopped() {
+    let text = printed("capture", &[]);
+    assert!(text.contains("latched, "), "{text}");
+    assert!(text.contains("left after 99 % of it: 1.00 %"), "{text}");
+}
+
+#[test]
 fn monte_carlo_prints_quantiles_in_order() {
     let text = printed("monte_carlo", &[]);
     let turns: Vec<f64> = (text.lines())

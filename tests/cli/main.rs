@@ -12,6 +12,7 @@ mod excitations;
 mod flexible;
 mod free_motion;
 mod fuyu;
+mod grasps;
 mod input_files;
 mod inspect;
 mod reproduce;

@@ -19,7 +19,7 @@ const LAYERS: [(&str, &[Layer]); 5] = [
             ("dynamics", &["spatial", "model"]),
             ("control", &["spatial", "model", "dynamics"]),
             ("vision", &["spatial"]),
-            ("estimation", &["spatial", "dynamics", "vision"]),
+            ("estimation", &["spatial", "model", "dynamics", "vision"]),
         ],
     ),
     (

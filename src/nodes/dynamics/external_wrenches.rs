@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 
 use super::{excitations::Excitations, robot::Robot};
 use crate::{
-    dynamics::{Input, Momentum, State, Workspace},
+    dynamics::{Floating, Input, Momentum, State, Workspace},
     model::{Frame, Model},
     spatial::{Pose, Wrench},
 };
@@ -199,8 +199,12 @@ impl ExternalWrenches {
         for _ in 0..steps {
             let is_pushed = any_acts || robot.is_firing();
             let before = Before::of(robot);
-            self.q.copy_from_slice(robot.state().q.as_slice());
-            (self.efforts).copy_from_slice(robot.efforts().as_slice());
+            self.q.clear();
+            self.q.extend(whole(robot).q.iter());
+            self.efforts.clear();
+            self.efforts.extend(robot.efforts().iter());
+            // Joints of a target that it holds, which follow its own, have no efforts.
+            self.efforts.resize(self.q.len(), 0.0);
             let Self {
                 wrenches,
                 workspace,
@@ -239,7 +243,7 @@ impl ExternalWrenches {
 
     /// Adds what a step has changed.
     fn record(&mut self, robot: &Robot, before: &Before) {
-        let state = robot.state();
+        let state = whole(robot);
         self.change.momentum_W.linear += state.momentum_W.linear - before.momentum_W.linear;
         self.change.momentum_W.angular += state.momentum_W.angular - before.momentum_W.angular;
         self.change.work += match robot.flexible() {
@@ -254,6 +258,9 @@ impl ExternalWrenches {
     /// Work of efforts and springs in a step of a rigid robot that began at the positions `self.q` and with the efforts
     /// `self.efforts` \[J\].
     fn work_of_joints(&self, robot: &Robot) -> f64 {
+        let Some(robot) = robot.rigid_whole() else {
+            return 0.0;
+        };
         let state = robot.state();
         let joints = robot.model().joints().iter().zip(robot.efforts());
         let of_joints = joints.enumerate().map(|(j, (joint, effort))| {
@@ -264,6 +271,11 @@ impl ExternalWrenches {
         });
         of_joints.sum()
     }
+}
+
+/// State of the robot with what it holds.
+fn whole(robot: &Robot) -> &State {
+    robot.rigid_whole().map_or(robot.state(), Floating::state)
 }
 
 /// Before a step.
@@ -277,7 +289,7 @@ struct Before {
 
 impl Before {
     fn of(robot: &Robot) -> Self {
-        let state = robot.state();
+        let state = whole(robot);
         Self {
             momentum_W: state.momentum_W,
             energy: state.work + state.dissipated.total(),

@@ -22,6 +22,9 @@
 //! Torques of wheels are held as joint efforts are, thrusters are on for the time that their command states
 //! (`actuator_inputs`).
 //!
+//! The robot can hold targets: their frames latch at a time, when they come close, or on command, and move as one system
+//! from then on (`grasps`, `world::grasping`).
+//!
 //! Several robots in one world have a dynamics node each; one owns the time, the others follow `/clock`
 //! (`shared_time`).
 //!
@@ -43,6 +46,7 @@ mod divergence;
 mod excitations;
 mod external_wrenches;
 mod free_body;
+mod grasps;
 mod imu;
 mod joint_command;
 mod joint_drive;
@@ -76,14 +80,14 @@ pub use messages::{
     FrameTree, WORLD, external_impulse, joint_states, momentum, odometry, target_joint_states,
 };
 pub use params::{
-    AppendageParams, Description, DynamicsParams, FlexibleParams, InitialJoints, InitialMotion,
-    LockstepOn, TargetParams, ThrusterParams, WheelParams,
+    AppendageParams, Description, DynamicsParams, FlexibleParams, GraspParams, InitialJoints,
+    InitialMotion, LockstepOn, TargetParams, ThrusterParams, WheelParams,
 };
 pub use part_messages::{appendage_states, wheel_states};
 pub use robot::Robot;
 pub use star_tracker::star_tracker_message;
 pub use target::Target;
-pub use world::World;
+pub use world::{GraspEvent, World};
 
 use crate::ros::{Lifecycle, Node, NodeError, Transition};
 use simulation::Simulation;

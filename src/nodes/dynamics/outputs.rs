@@ -269,9 +269,9 @@ impl Outputs {
             output.publish(|message| update_wheel_states(message, stamp, world));
         }
         if let (Some(output), Some(change)) =
-            (&mut self.external_impulse, world.wrenches().change())
+            (&mut self.external_impulse, world.change_from_outside())
         {
-            output.publish(|message| update_external_impulse(message, stamp, change));
+            output.publish(|message| update_external_impulse(message, stamp, &change));
         }
         self.imu
             .publish(|message| update_imu(message, stamp, world));

@@ -4,6 +4,7 @@ use nalgebra::{DVector, Isometry3};
 
 use super::{
     free_body::{FreeBody, Restorable, in_world, try_to_move},
+    grasps::RigidRobot,
     loops::LoopParams,
     params::{DynamicsParams, joint_vector},
 };
@@ -21,8 +22,8 @@ use crate::{
 /// The robot with its state, stepped under held efforts. A rigid robot is simulated by its own engine, which is the
 /// faster one and knows closed loops, friction and stops.
 pub enum Robot {
-    /// A tree of rigid bodies, possibly with closed loops.
-    Rigid(Box<Floating>),
+    /// A tree of rigid bodies, possibly with closed loops, which may hold a target.
+    Rigid(Box<RigidRobot>),
     /// A tree with deformable bodies, elastic joints, wheels or thrusters.
     Flexible(Box<FlexibleFloating>),
 }
@@ -38,7 +39,7 @@ pub enum RobotState {
 
 impl From<Floating> for Robot {
     fn from(robot: Floating) -> Self {
-        Self::Rigid(Box::new(robot))
+        Self::Rigid(Box::new(RigidRobot::new(robot)))
     }
 }
 
@@ -98,7 +99,23 @@ impl Robot {
     /// The rigid robot; `None` if it has flexible parts.
     pub fn rigid(&self) -> Option<&Floating> {
         match self {
+            Self::Rigid(robot) => Some(robot.own()),
+            Self::Flexible(_) => None,
+        }
+    }
+
+    /// The rigid robot, to grasp and release; `None` if it has flexible parts.
+    pub(super) fn rigid_mut(&mut self) -> Option<&mut RigidRobot> {
+        match self {
             Self::Rigid(robot) => Some(robot),
+            Self::Flexible(_) => None,
+        }
+    }
+
+    /// State and held input of the robot with what it holds, and its joints; `None` if it has flexible parts.
+    pub(super) fn rigid_whole(&self) -> Option<&Floating> {
+        match self {
+            Self::Rigid(robot) => Some(robot.whole()),
             Self::Flexible(_) => None,
         }
     }
@@ -122,7 +139,7 @@ impl Robot {
     /// The robot's description as a tree of rigid bodies.
     pub fn model(&self) -> &Model {
         match self {
-            Self::Rigid(robot) => robot.model(),
+            Self::Rigid(robot) => robot.own().model(),
             Self::Flexible(robot) => robot.model(),
         }
     }
@@ -130,7 +147,7 @@ impl Robot {
     /// The same with the inertia of deformable bodies, undeformed.
     pub fn rigid_model(&self) -> Model {
         match self {
-            Self::Rigid(robot) => robot.model().clone(),
+            Self::Rigid(robot) => robot.own().model().clone(),
             Self::Flexible(robot) => robot.system().rigid_model(),
         }
     }
@@ -138,7 +155,7 @@ impl Robot {
     /// Mass of everything \[kg\].
     pub fn total_mass(&self) -> f64 {
         match self {
-            Self::Rigid(robot) => robot.model().total_mass(),
+            Self::Rigid(robot) => robot.own().model().total_mass(),
             Self::Flexible(robot) => robot.system().total_mass(),
         }
     }
@@ -146,7 +163,7 @@ impl Robot {
     /// Joints, base attitude, centre of mass, momentum of everything, work.
     pub fn state(&self) -> &State {
         match self {
-            Self::Rigid(robot) => robot.state(),
+            Self::Rigid(robot) => robot.own().state(),
             Self::Flexible(robot) => &robot.state().tree,
         }
     }
@@ -160,7 +177,7 @@ impl Robot {
     /// Pose of `frame` in the base frame.
     pub fn X_BF(&self, frame: &Frame) -> Pose {
         match self {
-            Self::Rigid(robot) => robot.workspace().X_BF(frame),
+            Self::Rigid(robot) => robot.own().workspace().X_BF(frame),
             Self::Flexible(robot) => robot.workspace().X_BF(frame),
         }
     }
@@ -168,7 +185,7 @@ impl Robot {
     /// Twist of `frame`'s origin in the world, base axes.
     pub fn V_WF_B(&self, frame: &Frame) -> Twist {
         match self {
-            Self::Rigid(robot) => robot.workspace().V_WF_B(frame),
+            Self::Rigid(robot) => robot.own().workspace().V_WF_B(frame),
             Self::Flexible(robot) => robot.workspace().V_WF_B(frame),
         }
     }
@@ -176,9 +193,7 @@ impl Robot {
     /// Computes the accelerations of all frames under what acts now, for [`Self::A_WF_B`].
     pub fn set_accelerations(&mut self) {
         match self {
-            Self::Rigid(robot) => {
-                robot.accelerations();
-            }
+            Self::Rigid(robot) => robot.set_accelerations(),
             Self::Flexible(robot) => robot.set_accelerations(),
         }
     }
@@ -187,7 +202,7 @@ impl Robot {
     /// [`Self::set_accelerations`]).
     pub fn A_WF_B(&self, frame: &Frame) -> Twist {
         match self {
-            Self::Rigid(robot) => robot.workspace().A_WF_B(frame),
+            Self::Rigid(robot) => robot.own().workspace().A_WF_B(frame),
             Self::Flexible(robot) => robot.workspace().A_WF_B(frame),
         }
     }
@@ -195,7 +210,7 @@ impl Robot {
     /// What motions of the tip depend on. The momentum is that of bodies, without that of wheels.
     pub fn base_state(&self) -> BaseState {
         match self {
-            Self::Rigid(robot) => BaseState::of(robot.state(), robot.workspace()),
+            Self::Rigid(robot) => BaseState::of(robot.own().state(), robot.own().workspace()),
             Self::Flexible(robot) => {
                 let state = robot.state();
                 let mut momentum_B = state.tree.momentum_W.expressed_in(&state.tree.R_WB);
@@ -211,7 +226,7 @@ impl Robot {
     /// The held efforts \[N m or N\], within the joints' limits.
     pub fn efforts(&self) -> &DVector<f64> {
         match self {
-            Self::Rigid(robot) => robot.efforts(),
+            Self::Rigid(robot) => robot.own().efforts(),
             Self::Flexible(robot) => robot.efforts(),
         }
     }
@@ -220,7 +235,7 @@ impl Robot {
     /// clamped.
     pub fn hold_efforts(&mut self, efforts: &[f64]) -> bool {
         match self {
-            Self::Rigid(robot) => robot.hold_efforts(efforts),
+            Self::Rigid(robot) => robot.own_mut().hold_efforts(efforts),
             Self::Flexible(robot) => robot.hold_efforts(efforts),
         }
     }
@@ -228,7 +243,7 @@ impl Robot {
     /// Sets joint efforts and wheel torques to zero from now on.
     pub fn release(&mut self) {
         match self {
-            Self::Rigid(robot) => robot.release(),
+            Self::Rigid(robot) => robot.own_mut().release(),
             Self::Flexible(robot) => robot.release(),
         }
     }
@@ -236,7 +251,7 @@ impl Robot {
     /// Held efforts and wrenches.
     pub fn input_mut(&mut self) -> &mut Input {
         match self {
-            Self::Rigid(robot) => robot.input_mut(),
+            Self::Rigid(robot) => robot.own_mut().input_mut(),
             Self::Flexible(robot) => &mut robot.input_mut().tree,
         }
     }
@@ -291,21 +306,21 @@ impl FreeBody for Robot {
 
     fn is_finite(&self) -> bool {
         match self {
-            Self::Rigid(robot) => robot.state().is_finite(),
+            Self::Rigid(robot) => robot.own().state().is_finite(),
             Self::Flexible(robot) => robot.state().is_finite(),
         }
     }
 
     fn X_WB(&self) -> Pose {
         match self {
-            Self::Rigid(robot) => FreeBody::X_WB(&**robot),
+            Self::Rigid(robot) => FreeBody::X_WB(robot.own()),
             Self::Flexible(robot) => robot.X_WB(),
         }
     }
 
     fn V_WB_B(&self) -> Twist {
         match self {
-            Self::Rigid(robot) => *robot.workspace().V_WB_B(),
+            Self::Rigid(robot) => *robot.own().workspace().V_WB_B(),
             Self::Flexible(robot) => *robot.workspace().V_WB_B(),
         }
     }
@@ -317,7 +332,10 @@ impl FreeBody for Robot {
 
     fn move_base(&mut self, X_WB: &Isometry3<f64>, V_WB_B: &Twist) -> Result<(), String> {
         match self {
-            Self::Rigid(robot) => robot.move_base(X_WB, V_WB_B),
+            Self::Rigid(robot) => match robot.held() {
+                Some(held) => Err(format!("it holds {held}; detach it first")),
+                None => robot.own_mut().move_base(X_WB, V_WB_B),
+            },
             Self::Flexible(_) => try_to_move(self, |robot| {
                 if let Self::Flexible(robot) = robot {
                     let mut state = robot.state().clone();
@@ -331,7 +349,7 @@ impl FreeBody for Robot {
 
     fn carried_momentum(&self) -> Momentum {
         let momentum_B = match self {
-            Self::Rigid(robot) => robot.workspace().carried_momentum(),
+            Self::Rigid(robot) => robot.own().workspace().carried_momentum(),
             Self::Flexible(robot) => robot.workspace().carried_momentum(robot.state()),
         };
         in_world(self.state(), &momentum_B)
@@ -339,7 +357,7 @@ impl FreeBody for Robot {
 
     fn carried_momentum_and_scale(&self) -> (Momentum, (f64, f64)) {
         let (momentum_B, scale) = match self {
-            Self::Rigid(robot) => robot.workspace().carried_momentum_and_scale(),
+            Self::Rigid(robot) => robot.own().workspace().carried_momentum_and_scale(),
             Self::Flexible(robot) => {
                 let (workspace, state) = (robot.workspace(), robot.state());
                 (
@@ -353,7 +371,7 @@ impl FreeBody for Robot {
 
     fn kinetic_energy(&self) -> f64 {
         match self {
-            Self::Rigid(robot) => robot.workspace().kinetic_energy(),
+            Self::Rigid(robot) => robot.own().workspace().kinetic_energy(),
             Self::Flexible(robot) => robot.workspace().kinetic_energy(robot.state()),
         }
     }
@@ -378,14 +396,14 @@ impl Restorable for Robot {
 
     fn saved(&self) -> RobotState {
         match self {
-            Self::Rigid(robot) => RobotState::Rigid(robot.state().clone()),
+            Self::Rigid(robot) => RobotState::Rigid(robot.own().state().clone()),
             Self::Flexible(robot) => RobotState::Flexible(robot.state().clone()),
         }
     }
 
     fn save_to(&self, saved: &mut RobotState) {
         match (self, saved) {
-            (Self::Rigid(robot), RobotState::Rigid(saved)) => saved.copy_from(robot.state()),
+            (Self::Rigid(robot), RobotState::Rigid(saved)) => saved.copy_from(robot.own().state()),
             (Self::Flexible(robot), RobotState::Flexible(saved)) => {
                 saved.copy_from(robot.state());
             }
@@ -395,7 +413,7 @@ impl Restorable for Robot {
 
     fn restore(&mut self, saved: &RobotState) {
         match (self, saved) {
-            (Self::Rigid(robot), RobotState::Rigid(saved)) => robot.set_state(saved.clone()),
+            (Self::Rigid(robot), RobotState::Rigid(saved)) => robot.restore(saved),
             (Self::Flexible(robot), RobotState::Flexible(saved)) => robot.set_state(saved.clone()),
             _ => unreachable!("a state is restored to the robot that it was saved from"),
         }
@@ -404,7 +422,8 @@ impl Restorable for Robot {
     fn restore_stopped(&mut self, saved: &RobotState, time: f64, keeps_momentum: bool) {
         match (self, saved) {
             (Self::Rigid(robot), RobotState::Rigid(saved)) => {
-                robot.restore_stopped(saved, time, keeps_momentum);
+                robot.let_go();
+                (robot.own_mut()).restore_stopped(saved, time, keeps_momentum);
             }
             (Self::Flexible(robot), RobotState::Flexible(saved)) => {
                 let mut state = saved.clone();

@@ -341,6 +341,9 @@ impl<'a> Simulation<'a> {
     fn step_to_tick(&mut self) {
         let stepped = self.world.step_to_tick_or_restore();
         self.robot_status.stepped(stepped);
+        if let Err(problem) = self.world.check_grasps() {
+            tracing::error!("{problem}");
+        }
         self.clock.release();
         self.commands.expect_response(self.world.time());
         if let Some(inputs) = &mut self.actuator_inputs {

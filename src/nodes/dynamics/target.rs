@@ -84,12 +84,17 @@ impl Target {
         self.body.set_state(self.start.clone());
     }
 
-    /// Advances by `steps` steps of `dt` \[s\].
-    pub(super) fn step(&mut self, dt: f64, steps: usize) {
+    /// Saves the present state, to return to after a divergence.
+    pub(super) fn save(&mut self) {
         if !std::mem::take(&mut self.is_restored) {
             self.backup.command();
         }
         self.backup.save(&self.body);
+    }
+
+    /// Advances by `steps` steps of `dt` \[s\].
+    pub(super) fn step(&mut self, dt: f64, steps: usize) {
+        self.save();
         self.body.step(dt, steps);
     }
 

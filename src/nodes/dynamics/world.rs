@@ -2,8 +2,12 @@
 
 #[cfg(test)]
 mod flexible_tests;
+mod grasping;
 #[cfg(test)]
 mod tests;
+
+pub use grasping::GraspEvent;
+use grasping::Grasps;
 
 use super::divergence::{self, StateBackup};
 use super::excitations::Excitations;
@@ -46,6 +50,7 @@ pub struct World {
     drive: JointDrive,
     wheel_torques: MeanEfforts,
     wrenches: ExternalWrenches,
+    grasps: Grasps,
     imu: ImuParams,
     /// Random walk of the gyro's bias up to the present tick \[rad/s\].
     gyro_walk: Vector3<f64>,
@@ -78,7 +83,9 @@ impl World {
         let targets = params.targets.iter();
         let targets =
             targets.map(|target| Target::new(target, params.method, &params.joint_physics));
-        Ok(Self {
+        let targets = targets.collect::<Result<Vec<_>, _>>()?;
+        let mut world = Self {
+            grasps: Grasps::new(params, &robot, &targets)?,
             not_simulated: not_simulated(&robot, &params.joint_physics),
             drive: JointDrive::new(&robot, &params.drive)?,
             wheel_torques: MeanEfforts::new(wheels.len()),
@@ -86,14 +93,17 @@ impl World {
             start: robot.saved(),
             backup: StateBackup::new(&robot),
             robot,
-            targets: targets.collect::<Result<_, _>>()?,
+            targets,
             imu: params.imu,
             gyro_walk: Vector3::zeros(),
             star_tracker: params.star_tracker.clone().map(StarTracker::new),
             time: TickTime::new(params.state_rate),
             time_step: params.time_step,
             default_limits,
-        })
+        };
+        world.follow_grasps(0.0);
+        world.check_grasps()?;
+        Ok(world)
     }
 
     /// Time \[s\].
@@ -129,7 +139,9 @@ impl World {
     /// Time is zero again; the bodies stay as they are.
     pub(super) fn reset_time(&mut self) {
         self.wrenches.clear(None);
+        self.drop_held();
         self.time.reset();
+        self.grasps.arm(0.0);
         self.gyro_walk = Vector3::zeros();
     }
 
@@ -137,6 +149,7 @@ impl World {
     /// on them.
     pub(super) fn reset_state(&mut self) {
         self.robot.restore(&self.start);
+        self.grasps.reset(self.time.now());
         self.drive.reset(&mut self.robot);
         self.wrenches.reset(&mut self.robot);
         self.wheel_torques.reset();
@@ -269,6 +282,7 @@ impl World {
         let checked = self.check_divergence();
         if checked.is_err() {
             let time = self.time.now();
+            self.drop_diverged();
             if divergence::of(&self.robot).is_some() {
                 self.backup.restore(&mut self.robot, time);
                 self.wrenches.undo_step(&mut self.robot);
@@ -365,11 +379,6 @@ impl World {
         self.drive.twist_servo()
     }
 
-    /// Wrenches from outside.
-    pub(super) fn wrenches(&self) -> &ExternalWrenches {
-        &self.wrenches
-    }
-
     /// What wrenches from outside and thrusters have changed since the start; `None` if none has acted.
     pub fn external_change(&self) -> Option<&ExternalChange> {
         self.wrenches.change()
@@ -432,15 +441,28 @@ impl World {
         }
     }
 
+    /// Steps the targets that the robot does not hold.
+    fn step_free_targets(&mut self, seconds: f64) {
+        let steps = step_count(seconds, self.time_step);
+        for i in 0..self.targets.len() {
+            if self.held_target() != Some(self.targets[i].name.as_str()) {
+                self.targets[i].step(seconds / steps as f64, steps);
+            }
+        }
+    }
+
     /// Steps from the time `start` \[s\] by `seconds`, which end now.
     fn step_from(&mut self, start: f64, seconds: f64) {
         self.backup.save(&self.robot);
         self.wrenches.save_change();
+        self.follow_grasps(start);
+        self.save_held_target();
         let end = self.time.now();
-        let mut time = start;
+        let (mut time, mut targets_at) = (start, start);
         loop {
             // Wrenches begin and end on time.
-            let next = self.wrenches.next_change(time, end);
+            let next_grasp = self.grasps.next_change(time, end);
+            let next = self.wrenches.next_change(time, next_grasp);
             // The difference of two times is not the period to the last digit.
             let part = match (time == start, next < end) {
                 (true, false) => seconds,
@@ -451,6 +473,7 @@ impl World {
             for (joint, effort) in self.wrenches.excitations().mean_efforts(time, part) {
                 self.drive.add_effort(joint, effort, part);
             }
+            let held = self.begin_held_step();
             (self.drive).step(
                 &mut self.robot,
                 &mut self.wrenches,
@@ -458,14 +481,19 @@ impl World {
                 part,
                 self.time_step,
             );
+            if let Some(held) = held {
+                self.finish_held_step(held);
+            }
+            if next >= next_grasp {
+                let whole = targets_at == start && next >= end;
+                self.step_free_targets(if whole { seconds } else { next - targets_at });
+                targets_at = next;
+                self.follow_grasps(next);
+            }
             if next >= end {
                 break;
             }
             time = next;
-        }
-        let steps = step_count(seconds, self.time_step);
-        for target in &mut self.targets {
-            target.step(seconds / steps as f64, steps);
         }
     }
 }

@@ -20,6 +20,7 @@ mod config;
 mod control_loop;
 mod controller;
 mod damped_descent;
+pub mod detumbling;
 mod effort_limits;
 mod feed_forward;
 #[cfg(test)]

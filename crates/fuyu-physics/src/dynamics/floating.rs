@@ -5,9 +5,10 @@ use nalgebra::DVector;
 use super::newton_euler::SystemError;
 use super::{
     Forcing, FormulationKind, Input, IntegrationMethod, Integrator, JointPhysics, Loops, State,
-    Workspace, checks,
+    TreeAcceleration, Workspace, checks,
 };
 use crate::model::Model;
+use crate::spatial::Twist;
 
 /// One free-floating tree with its state and scratch memory: a robot, or a target (a tree without joints).
 ///
@@ -161,6 +162,23 @@ impl Floating {
         &mut self.input
     }
 
+    /// Held efforts and wrenches.
+    pub fn input(&self) -> &Input {
+        &self.input
+    }
+
+    /// Changes the state without allocating.
+    pub(super) fn change_state(&mut self, change: impl FnOnce(&mut State)) {
+        change(&mut self.state);
+        self.refresh();
+    }
+
+    /// The same with the scratch memory of this tree, whose content does not matter.
+    pub(super) fn change_state_with(&mut self, change: impl FnOnce(&mut State, &mut Workspace)) {
+        change(&mut self.state, &mut self.workspace);
+        self.refresh();
+    }
+
     /// Advances by `steps` steps of `dt` \[s\] under the held input.
     pub fn step(&mut self, dt: f64, steps: usize) {
         if steps == 0 {
@@ -191,15 +209,28 @@ impl Floating {
     /// Joint accelerations \[rad/s² or m/s²\] at this instant under the held input; afterwards the workspace has the
     /// accelerations of this instant too.
     pub fn accelerations(&mut self) -> &DVector<f64> {
-        if !self.is_evaluated {
-            (self.integrator).evaluate(&self.state, &mut self.workspace, &self.input);
-            self.is_evaluated = true;
-        }
+        self.present_accelerations();
         let found = self.integrator.accelerations();
         self.workspace.set_positions(&self.state.q);
         self.workspace.set_motion(&self.state);
         (self.workspace).propagate_accelerations(found.A_WB_B, found.qdd.as_slice());
         &found.qdd
+    }
+
+    /// Accelerations of base and joints at this instant under the held input.
+    pub(super) fn present_accelerations(&mut self) -> &TreeAcceleration {
+        if !self.is_evaluated {
+            (self.integrator).evaluate(&self.state, &mut self.workspace, &self.input);
+            self.is_evaluated = true;
+        }
+        self.integrator.accelerations()
+    }
+
+    /// Gives the workspace the accelerations of all bodies that follow from those of base and joints.
+    pub(super) fn show_accelerations(&mut self, A_WB_B: Twist, qdd: &[f64]) {
+        self.workspace.set_positions(&self.state.q);
+        self.workspace.set_motion(&self.state);
+        self.workspace.propagate_accelerations(A_WB_B, qdd);
     }
 
     fn refresh(&mut self) {

@@ -51,7 +51,9 @@ mod articulated_body;
 mod axis;
 #[cfg(feature = "batch")]
 mod batch;
+pub mod capture;
 mod checks;
+pub mod contact;
 mod expanded_motion;
 pub mod flexible;
 mod floating;

@@ -15,6 +15,7 @@ pub mod evaluation;
 pub mod filter;
 pub mod free_body;
 mod gyro_attitude;
+pub mod inertia;
 pub mod masutani1995;
 mod method;
 mod motion;

@@ -9,10 +9,15 @@
 
 mod build;
 mod coupling;
+mod joined;
 mod tree;
 mod urdf;
 
 pub use build::ModelBuilder;
 pub use coupling::{Coupling, Mimic};
+pub use joined::{Connection, Joined};
 pub use tree::{Body, Frame, Joint, JointKind, JointLimits, Model, Spring};
-pub use urdf::{Repair, RepairKind, Repaired, UrdfError, UrdfProblem, without_surroundings};
+pub use urdf::{
+    CollisionElement, CollisionGeometry, Repair, RepairKind, Repaired, UrdfError, UrdfProblem,
+    without_surroundings,
+};

@@ -6,6 +6,7 @@ mod elastic_joints;
 mod elastic_links;
 mod excitations;
 mod flexible;
+mod grasps;
 mod joint_physics;
 mod lockstep;
 mod motions;
@@ -38,6 +39,8 @@ use bodies::finite_list;
 use excitations::declare_excitations;
 pub use excitations::{ExcitationParams, Excited};
 pub use flexible::FlexibleParams;
+pub use grasps::GraspParams;
+use grasps::declare_grasps;
 use joint_physics::declare_joint_physics;
 pub use lockstep::LockstepOn;
 pub use motions::{BaseReaction, LiveBaseReaction, MotionParams};
@@ -68,6 +71,8 @@ pub struct DynamicsParams {
     pub excitations: Vec<ExcitationParams>,
     /// Other free-floating bodies.
     pub targets: Vec<TargetParams>,
+    /// Grasps by which the robot can hold targets.
+    pub grasps: Vec<GraspParams>,
     /// Namespaces of all robots of this world, if there are several; the first one's node owns the time.
     pub robots: Vec<String>,
     /// Folders from which peers may name files to spawn.
@@ -231,6 +236,7 @@ impl DynamicsParams {
             let joints = InitialJoints::declare(declare, &name);
             targets.push((name, key, file, lookup, motion, joints));
         }
+        let grasps = declare_grasps(declare);
         let imu = ImuParams::declare(declare);
         let star_tracker = declare_star_tracker(declare);
         let method = choice::declare(
@@ -385,7 +391,7 @@ impl DynamicsParams {
             );
         }
 
-        let (base, loop_closures, flexible) = (base?, loop_closures?, flexible?);
+        let (base, loop_closures, flexible, grasps) = (base?, loop_closures?, flexible?, grasps?);
         // The declaration has refused any other text.
         let formulation = choice::find(&FormulationKind::NAMES, &formulation).unwrap_or_default();
         if !loop_closures.is_empty() && formulation != FormulationKind::Reduced {
@@ -433,6 +439,7 @@ impl DynamicsParams {
             flexible,
             excitations: excitations?,
             targets,
+            grasps,
             robots,
             resource_folders: AllowedFolders::new(resource_folders),
             imu,

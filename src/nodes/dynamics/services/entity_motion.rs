@@ -64,6 +64,12 @@ fn move_entity(
             ));
         }
     }
+    if world.held_target() == Some(request.entity.as_str()) {
+        return Err(Outcome::new(
+            Outcome::OPERATION_FAILED,
+            format!("the robot holds '{}'; detach it first", request.entity),
+        ));
+    }
     world.body(&request.entity)?;
     if world.is_between_ticks() {
         // A recording shows a move by two states of one time.

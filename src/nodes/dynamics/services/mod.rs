@@ -1,4 +1,4 @@
-//! Control of the simulation from outside: the services and the action of `simulation_interfaces`.
+//! Control of the simulation from outside: the services and the action of `simulation_interfaces`, and those of grasps.
 //!
 //! Their names are private to the node (`/dynamics/step_simulation`), as those of Gazebo's server are, so that several
 //! simulations in one graph do not clash. Calls are answered by the thread that simulates, between two steps.
@@ -6,7 +6,7 @@
 mod entities;
 mod entity_filters;
 mod entity_motion;
-
+mod grasping;
 mod spawn;
 mod states;
 mod steps;
@@ -27,6 +27,7 @@ use crate::{
                 SpawnEntity,
             },
         },
+        std_srvs::Trigger,
     },
     nodes::resource::AllowedFolders,
     ros::{Calls, Node, NodeError, ServiceServer},
@@ -45,6 +46,8 @@ pub struct Services {
     spawn: Calls<SpawnEntity>,
     spawn_all: Calls<SpawnEntities>,
     delete: Calls<DeleteEntity>,
+    attach: Calls<Trigger>,
+    detach: Calls<Trigger>,
     /// Whether the node is to stop once the present call is answered.
     quit_requested: bool,
     /// Services that do not depend on the simulation.
@@ -70,6 +73,8 @@ impl Services {
             spawn: node.serve_calls("~/spawn_entity")?,
             spawn_all: node.serve_calls("~/spawn_entities")?,
             delete: node.serve_calls("~/delete_entity")?,
+            attach: node.serve_calls("~/attach")?,
+            detach: node.serve_calls("~/detach")?,
             quit_requested: false,
             _stateless: [
                 node.serve::<GetSimulatorFeatures>("~/get_simulator_features", |_| {
@@ -111,6 +116,8 @@ pub fn answer_calls(simulation: &mut Simulation) {
     answer(s, |c| &c.spawn, spawn::spawn_one);
     answer(s, |c| &c.spawn_all, |s, r| spawn::spawn_all(s, &r));
     answer(s, |c| &c.delete, |s, r| spawn::delete(s, &r));
+    answer(s, |c| &c.attach, |s, _| grasping::attach(s));
+    answer(s, |c| &c.detach, |s, _| grasping::detach(s));
     if s.services.quit_requested {
         s.node.request_stop();
     }

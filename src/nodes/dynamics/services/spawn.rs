@@ -220,6 +220,12 @@ fn remove(simulation: &mut Simulation, entity: &str) -> Result<(), Outcome> {
     }
     let index = world.target_index(entity);
     let index = index.map_err(|_| world.unknown(entity))?;
+    if world.held_target() == Some(entity) {
+        return Err(Outcome::new(
+            Outcome::OPERATION_FAILED,
+            format!("the robot holds '{entity}'; detach it first"),
+        ));
+    }
     world.targets.remove(index);
     simulation.outputs.remove_targets(world);
     simulation.outputs.invalidate();

@@ -332,7 +332,7 @@ impl Source<'_> {
 
     /// The pose of the `<origin>` of `parent`: fixed-axis roll, pitch, yaw, `R = Rz(yaw) Ry(pitch) Rx(roll)`, or the
     /// quaternion of URDF 1.1.
-    fn origin(&self, parent: Node, version: (u32, u32)) -> Checked<Pose> {
+    pub(super) fn origin(&self, parent: Node, version: (u32, u32)) -> Checked<Pose> {
         let Some(origin) = self.only_child(parent, "origin")? else {
             return Ok(Pose::identity());
         };

@@ -6,6 +6,7 @@
 //! Everything that can be wrong in a link or joint goes through [`document::Source::repair_at`]: an error in strict mode, and
 //! otherwise a [`Repair`].
 
+mod collision;
 mod description;
 mod document;
 mod error;
@@ -23,6 +24,7 @@ use nalgebra::{Rotation3, Translation3, Unit, Vector3};
 use super::coupling::common_limits;
 use super::{Joint, JointKind, JointLimits, Model, ModelBuilder};
 use crate::spatial::{InertiaError, Pose, RigidInertia};
+pub use collision::{CollisionElement, CollisionGeometry};
 use description::{Description, Kind};
 pub use document::without_surroundings;
 use document::{Checked, Source, subject};

@@ -1,0 +1,210 @@
+//! Closed forms for stopping a tumbling body or stack: how long it takes, what remains, and which limits must hold.
+//!
+//! A couple against the angular momentum `L` about the centre of mass shortens it without turning it, whatever the
+//! body's inertia and whatever its joints do; with `|L|' >= -τ` no couple of that size is faster (M. Athans, P.
+//! Falb and R. Lacoss, Time-, fuel-, and energy-optimal control of nonlinear norm-invariant systems, IEEE Trans.
+//! Automatic Control 8, 1963). A rigid body then passes through the attitudes of its free motion, ever more slowly
+//! ([`Slowdown`]).
+
+use std::f64::consts::FRAC_PI_4;
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// An external couple against the angular momentum, as thrusters give it; or the couple by which wheels take up a
+/// body's momentum.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum BrakingCouple {
+    /// Of constant size \[N m\].
+    Constant(f64),
+    /// Proportional to the angular momentum, by this gain \[1/s\].
+    Proportional(f64),
+}
+
+/// Where a rigid body is in its free motion while a [`BrakingCouple`] acts, and how fast: its attitude is that of
+/// the free motion at `time`, its angular velocity that of the free motion there times `factor`, its kinetic energy
+/// the free one's times `factor²`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Slowdown {
+    /// Time of the free motion \[s\].
+    pub time: f64,
+    /// Angular momentum over that at the start.
+    pub factor: f64,
+}
+
+impl BrakingCouple {
+    /// When a body with angular momentum `momentum` \[N m s\] rests \[s\]; infinite for a proportional couple.
+    pub fn duration(self, momentum: f64) -> f64 {
+        match self {
+            Self::Constant(torque) => momentum / torque,
+            Self::Proportional(_) if momentum == 0.0 => 0.0,
+            Self::Proportional(_) => f64::INFINITY,
+        }
+    }
+
+    /// Progress after `t` \[s\] from angular momentum `momentum` \[N m s\].
+    pub fn slowdown(self, momentum: f64, t: f64) -> Slowdown {
+        match self {
+            Self::Constant(torque) => {
+                let t = t.min(self.duration(momentum));
+                Slowdown {
+                    time: t - torque * t * t / (2.0 * momentum),
+                    factor: (1.0 - torque * t / momentum).max(0.0),
+                }
+            }
+            Self::Proportional(gain) => Slowdown {
+                time: -(-gain * t).exp_m1() / gain,
+                factor: (-gain * t).exp(),
+            },
+        }
+    }
+}
+
+/// Bounds of the angular momentum \[N m s\] of a rigid body under the couple `-D ω`, `t` \[s\] after it was
+/// `momentum`; `moments` are the principal ones. The lower bound is reached in rotation about the axis of the
+/// smallest moment, the upper one about that of the largest.
+pub fn damped_momentum(momentum: f64, damping: f64, moments: &Vector3<f64>, t: f64) -> (f64, f64) {
+    let after = |moment: f64| momentum * (-damping * t / moment).exp();
+    (after(moments.min()), after(moments.max()))
+}
+
+/// Bounds of the time \[s\] in which couples about three axes of the body, each of limited size, stop it if each
+/// opposes the angular momentum's component along its axis.
+pub fn time_with_body_limits(momentum: f64, limits: &Vector3<f64>) -> (f64, f64) {
+    (momentum / limits.norm(), momentum / limits.min())
+}
+
+/// The same about three inertially fixed axes, exactly.
+pub fn time_with_inertial_limits(momentum: &Vector3<f64>, limits: &Vector3<f64>) -> f64 {
+    momentum.abs().component_div(limits).max()
+}
+
+/// Momentum \[N m s\] of reaction wheels, body axes, when they have taken the body's angular momentum to
+/// `body_momentum` (body axes); `total` is the whole in inertial axes, which they do not change. Wheels move
+/// momentum; only external couples remove it.
+pub fn wheel_momentum(
+    total: &Vector3<f64>,
+    R_WB: &UnitQuaternion<f64>,
+    body_momentum: &Vector3<f64>,
+) -> Vector3<f64> {
+    R_WB.inverse_transform_vector(total) - body_momentum
+}
+
+/// Largest torque \[N m\] that the motors of wheels with momentum `wheels` need, all together, to take momentum
+/// from a body at the rate `torque`: they also carry the wheels' momentum around with the body.
+pub fn wheel_motor_torque(torque: f64, w: &Vector3<f64>, wheels: &Vector3<f64>) -> f64 {
+    torque + w.norm() * wheels.norm()
+}
+
+/// A target that is stopped in a plane by a force at its grasp point, limited in size, while the grasp point stays
+/// where it is: the force both slows the rotation and holds the centre of mass on its circle, `ω'² + ω⁴ <= A²`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GraspForceLimit {
+    /// Mass of the target \[kg\].
+    pub mass: f64,
+    /// Distance of its centre of mass from the grasp point \[m\].
+    pub radius: f64,
+    /// Largest force \[N\].
+    pub force: f64,
+}
+
+impl GraspForceLimit {
+    /// `A = F / (m r)` \[rad/s²\].
+    fn acceleration(&self) -> f64 {
+        self.force / (self.mass * self.radius)
+    }
+
+    /// The fastest rotation that the force can hold \[rad/s\].
+    pub fn holdable_rate(&self) -> f64 {
+        self.acceleration().sqrt()
+    }
+
+    /// Shortest time to rest from `rate` \[s\], `F(arcsin(ω/√A) | -1) / √A`; NaN beyond [`Self::holdable_rate`].
+    pub fn time(&self, rate: f64) -> f64 {
+        let fastest = self.holdable_rate();
+        let sin = rate / fastest;
+        let square = sin * sin;
+        // F(φ | m) = sin φ R_F(cos² φ, 1 - m sin² φ, 1), DLMF 19.25.5.
+        sin * carlson_rf(1.0 - square, 1.0 + square, 1.0) / fastest
+    }
+
+    /// Angle until rest \[rad\].
+    pub fn angle(&self, rate: f64) -> f64 {
+        let sin = rate * rate / self.acceleration();
+        if (1.0..=1.0 + 1e-12).contains(&sin) {
+            FRAC_PI_4
+        } else {
+            0.5 * sin.asin()
+        }
+    }
+}
+
+/// Carlson's symmetric integral of the first kind by duplication (DLMF 19.36.1).
+fn carlson_rf(mut x: f64, mut y: f64, mut z: f64) -> f64 {
+    if x < 0.0 && x > -1e-12 {
+        x = 0.0;
+    }
+    if !(x >= 0.0 && y > 0.0 && z > 0.0) {
+        return f64::NAN;
+    }
+    for _ in 0..60 {
+        let mean = (x + y + z) / 3.0;
+        let spread = [x, y, z]
+            .map(|v| (1.0 - v / mean).abs())
+            .into_iter()
+            .fold(0.0, f64::max);
+        if spread < 1e-3 {
+            break;
+        }
+        let shift = (x * y).sqrt() + (y * z).sqrt() + (z * x).sqrt();
+        (x, y, z) = (0.25 * (x + shift), 0.25 * (y + shift), 0.25 * (z + shift));
+    }
+    let mean = (x + y + z) / 3.0;
+    let [a, b, c] = [x, y, z].map(|v| 1.0 - v / mean);
+    let (e2, e3) = (a * b - c * c, a * b * c);
+    let series = 1.0 - e2 / 10.0 + e3 / 14.0 + e2 * e2 / 24.0
+        - 3.0 / 44.0 * e2 * e3
+        - 5.0 / 208.0 * e2 * e2 * e2
+        + 3.0 / 104.0 * e3 * e3;
+    series / mean.sqrt()
+}
+
+/// A joint between base and target that brakes their relative rotation in a plane.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointBrake {
+    /// Moment of inertia of the base about its centre of mass \[kg m²\].
+    pub base: f64,
+    /// That of the target.
+    pub target: f64,
+}
+
+impl JointBrake {
+    /// Inertia of the relative rotation \[kg m²\].
+    pub fn reduced_inertia(&self) -> f64 {
+        self.base * self.target / (self.base + self.target)
+    }
+
+    /// Time \[s\] and angle \[rad\] in which a constant torque stops the relative rate.
+    pub fn constant_torque(&self, rate: f64, torque: f64) -> (f64, f64) {
+        let inertia = self.reduced_inertia();
+        (
+            rate * inertia / torque,
+            rate * rate * inertia / (2.0 * torque),
+        )
+    }
+
+    /// Time constant \[s\] and angle \[rad\] in which a damper \[N m s/rad\] stops it.
+    pub fn damper(&self, rate: f64, damping: f64) -> (f64, f64) {
+        let inertia = self.reduced_inertia();
+        (inertia / damping, rate * inertia / damping)
+    }
+
+    /// Energy that either takes \[J\].
+    pub fn dissipated(&self, rate: f64) -> f64 {
+        0.5 * self.reduced_inertia() * rate * rate
+    }
+
+    /// Rate of both afterwards \[rad/s\], from their angular momentum together \[N m s\].
+    pub fn common_rate(&self, momentum: f64) -> f64 {
+        momentum / (self.base + self.target)
+    }
+}

@@ -1,0 +1,464 @@
+//! The impulse at which latches close.
+//!
+//! The velocities of a floating system are written as those of its centre of mass, the angular velocity `H_B⁻¹ L`,
+//! and the joint rates. In these the kinetic energy has no products between the three (Masutani 1995 eqs.
+//! (4.45)-(4.48)), so that an impulse changes momentum as an impulse changes that of a rigid body, and the joint
+//! rates through the reduced inertia `Ĥ` and the generalized Jacobian `Ĵ`. With `G` the rows of the latches'
+//! relative velocities in these variables and `W` the inverse inertia, `A = G W Gᵀ` (the Delassus matrix, whose
+//! inverse is the effective mass at the grasp) gives the impulse `Λ = -A⁻¹ u` that removes the relative velocity
+//! `u`: the equations of unilateral contact with equality (F. Pfeiffer and C. Glocker, Multibody Dynamics with
+//! Unilateral Contacts, 1996, chapter 6; R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 11.7). The
+//! energy that is lost is that of the velocities that are lost (Carnot's theorem).
+
+use nalgebra::{
+    Cholesky, DMatrix, DVector, Dyn, Matrix3, Matrix6xX, Rotation3, SymmetricEigen, Vector3,
+};
+
+use crate::dynamics::{State, Workspace, checks};
+use crate::model::Frame;
+use crate::spatial::Wrench;
+
+/// What a latch holds of one frame relative to another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Latch {
+    /// Position and attitude.
+    #[default]
+    Weld,
+    /// The position: a spherical joint.
+    Ball,
+}
+
+impl Latch {
+    /// All by name, the default first.
+    pub const NAMES: [(&'static str, Self); 2] = [("weld", Self::Weld), ("ball", Self::Ball)];
+
+    /// Number of directions that it holds.
+    fn rows(self) -> usize {
+        match self {
+            Self::Weld => 6,
+            Self::Ball => 3,
+        }
+    }
+}
+
+/// What a joint does in an impulse.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum JointReaction {
+    /// It turns freely. Damping, friction and actuators of finite effort make no difference in an impulse.
+    #[default]
+    Free,
+    /// A brake stops it in the same instant.
+    Locked,
+    /// An ideal servo keeps its rate.
+    RateHeld,
+}
+
+impl JointReaction {
+    /// All by name, the default first.
+    pub const NAMES: [(&'static str, Self); 3] = [
+        ("free", Self::Free),
+        ("locked", Self::Locked),
+        ("rate_held", Self::RateHeld),
+    ];
+}
+
+/// A floating system that takes part in an impulse.
+#[derive(Debug)]
+pub struct System<'a> {
+    /// Its state before.
+    pub state: &'a State,
+    /// Its scratch memory.
+    pub workspace: &'a mut Workspace,
+    /// What each joint does; all are free if this is shorter.
+    pub joints: &'a [JointReaction],
+}
+
+/// Two frames that a latch joins, each of one of the systems, by index. The impulse acts on both at the origin of
+/// the first one.
+#[derive(Debug, Clone, Copy)]
+pub struct LatchPair<'a> {
+    /// The first frame.
+    pub first: (usize, &'a Frame),
+    /// The second one, of another system or another body of the same.
+    pub second: (usize, &'a Frame),
+    /// What the latch holds.
+    pub latch: Latch,
+}
+
+/// The result of [`close_latches`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct LatchImpulses {
+    /// State of each system afterwards.
+    pub states: Vec<State>,
+    /// Per latch, the impulse on the first frame's body, about that frame's origin, world axes \[N s, N m s\]. Its
+    /// opposite acts on the second one's body.
+    pub on_first: Vec<Wrench>,
+    /// Per system, the impulses of brakes and servos along the joints \[N m s or N s\]; zero for free joints.
+    pub joints: Vec<DVector<f64>>,
+    /// Kinetic energy before minus after \[J\]; negative if servos that keep their rates supply some.
+    pub energy_lost: f64,
+}
+
+/// A system in the variables of the module's first paragraph, world axes.
+struct Terms {
+    mass: f64,
+    /// Inverse rotational inertia of the whole about its centre of mass.
+    inertia_inverse: Matrix3<f64>,
+    /// `Ĥ`, in the order free joints, held joints.
+    reduced: DMatrix<f64>,
+    /// Factors of the part of the free joints.
+    free_inertia: Option<Cholesky<f64, Dyn>>,
+    /// Coordinates, the free ones first, and how many are free.
+    order: Vec<usize>,
+    free: usize,
+    /// Changes of linear and angular momentum and, in `order`, joint rates.
+    linear: Vector3<f64>,
+    angular: Vector3<f64>,
+    rates: DVector<f64>,
+    /// Rows of all latches: velocity of the centre of mass, angular velocity, joint rates in `order`.
+    rows: DMatrix<f64>,
+}
+
+/// Closes latches between floating systems in one impulse: afterwards the frames of each pair have no relative
+/// velocity, in position and, for a weld, attitude. They should coincide; where they do not, the second is taken to
+/// be extended rigidly to the first. Latches that hold more than is free (two arms that are locked) share the
+/// impulse with the smallest sum of squares.
+///
+/// # Panics
+/// If a state does not fit its workspace, or a frame its system.
+pub fn close_latches(systems: &mut [System], latches: &[LatchPair]) -> LatchImpulses {
+    let count: usize = latches.iter().map(|pair| pair.latch.rows()).sum();
+    let mut terms: Vec<Terms> = systems
+        .iter_mut()
+        .map(|system| Terms::new(system, count))
+        .collect();
+    let mut row = 0;
+    let mut points = Vec::new();
+    for pair in latches {
+        let point = origin(&systems[pair.first.0], pair.first.1);
+        for ((s, frame), sign) in [(pair.first, 1.0), (pair.second, -1.0)] {
+            terms[s].add_rows(&systems[s], frame, &point, sign, row, pair.latch.rows());
+        }
+        row += pair.latch.rows();
+        points.push(point);
+    }
+    let mut delassus = DMatrix::zeros(count, count);
+    for term in &terms {
+        term.add_delassus(&mut delassus);
+    }
+    let inverse = PseudoInverse::new(delassus);
+    let mut impulse = DVector::zeros(count);
+    // The second pass removes the rounding errors of the first.
+    for _ in 0..3 {
+        let mut relative = DVector::zeros(count);
+        for (term, system) in terms.iter().zip(&*systems) {
+            term.add_velocity(system.state, &mut relative);
+        }
+        let added = -inverse.times(&relative);
+        for term in &mut terms {
+            term.apply(&added);
+        }
+        impulse += added;
+    }
+    finish(systems, latches, &terms, &impulse, &points)
+}
+
+/// Pushes the bodies of a pair of frames apart along `direction` (world axes, from the first to the second) with a
+/// spring at the first frame's origin that gives the systems `energy` \[J\] in an instant. The pair's latch does
+/// not matter.
+///
+/// # Panics
+/// As [`close_latches`].
+pub fn push_apart(
+    systems: &mut [System],
+    pair: &LatchPair,
+    direction: &Vector3<f64>,
+    energy: f64,
+) -> LatchImpulses {
+    let mut terms: Vec<Terms> = systems
+        .iter_mut()
+        .map(|system| Terms::new(system, 3))
+        .collect();
+    let point = origin(&systems[pair.first.0], pair.first.1);
+    for ((s, frame), sign) in [(pair.first, 1.0), (pair.second, -1.0)] {
+        terms[s].add_rows(&systems[s], frame, &point, sign, 0, 3);
+    }
+    let mut delassus = DMatrix::zeros(3, 3);
+    let mut velocity = DVector::zeros(3);
+    for (term, system) in terms.iter().zip(&*systems) {
+        term.add_delassus(&mut delassus);
+        term.add_velocity(system.state, &mut velocity);
+    }
+    let direction = direction.normalize();
+    let mobility = direction.dot(&(delassus.fixed_view::<3, 3>(0, 0) * direction));
+    let opening = -direction.dot(&velocity.fixed_rows::<3>(0));
+    // opening λ + mobility λ² / 2 = energy.
+    let push = ((opening * opening + 2.0 * mobility * energy).sqrt() - opening) / mobility;
+    let impulse = DVector::from_column_slice((direction * -push).as_slice());
+    for term in &mut terms {
+        term.apply(&impulse);
+    }
+    let pair = LatchPair {
+        latch: Latch::Ball,
+        ..*pair
+    };
+    let mut result = finish(systems, &[pair], &terms, &impulse, &[point]);
+    result.energy_lost = -energy;
+    result
+}
+
+fn finish(
+    systems: &[System],
+    latches: &[LatchPair],
+    terms: &[Terms],
+    impulse: &DVector<f64>,
+    points: &[Vector3<f64>],
+) -> LatchImpulses {
+    let mut states: Vec<State> = systems.iter().map(|system| system.state.clone()).collect();
+    let mut on_first = Vec::new();
+    let mut row = 0;
+    for (pair, point) in latches.iter().zip(points) {
+        let of = |k: usize| Vector3::from(impulse.fixed_rows::<3>(row + k));
+        let wrench = Wrench {
+            force: of(0),
+            torque: if pair.latch == Latch::Weld {
+                of(3)
+            } else {
+                Vector3::zeros()
+            },
+        };
+        for ((s, _), wrench) in [(pair.first, wrench), (pair.second, -wrench)] {
+            let state = &mut states[s];
+            state.momentum_W.linear += wrench.force;
+            state.momentum_W.angular += wrench.shifted(&(point - state.p_WC)).torque;
+        }
+        on_first.push(wrench);
+        row += pair.latch.rows();
+    }
+    let mut energy_lost = 0.0;
+    let mut joints = Vec::new();
+    for ((term, system), state) in terms.iter().zip(systems).zip(&mut states) {
+        let held = term.held_impulses(impulse);
+        energy_lost += term.energy();
+        let mut on_joints = DVector::zeros(term.order.len());
+        for (k, &j) in term.order.iter().enumerate() {
+            if k < term.free {
+                state.qd[j] = system.state.qd[j] + term.rates[k];
+            } else {
+                // Exactly what brake or servo holds, not what the sum rounds to.
+                state.qd[j] = held_rate(system, j);
+                on_joints[j] = held[k - term.free];
+                energy_lost -= state.qd[j] * on_joints[j];
+            }
+        }
+        joints.push(on_joints);
+    }
+    LatchImpulses {
+        states,
+        on_first,
+        joints,
+        energy_lost,
+    }
+}
+
+/// Rate of a held joint afterwards.
+fn held_rate(system: &System, j: usize) -> f64 {
+    match system.joints.get(j) {
+        Some(JointReaction::Locked) => 0.0,
+        _ => system.state.qd[j],
+    }
+}
+
+/// Origin of a frame in the world.
+fn origin(system: &System, frame: &Frame) -> Vector3<f64> {
+    let X_WB = system.state.X_WB(system.workspace);
+    (X_WB * system.workspace.X_BF(frame)).translation.vector
+}
+
+impl Terms {
+    fn new(system: &mut System, count: usize) -> Self {
+        let workspace = &mut *system.workspace;
+        checks::state(system.state, workspace.model());
+        workspace.set_positions(&system.state.q);
+        workspace.set_motion(system.state);
+        let n = workspace.model().dof();
+        let reaction = |j: &usize| system.joints.get(*j).copied().unwrap_or_default();
+        let (mut order, held): (Vec<usize>, Vec<usize>) =
+            (0..n).partition(|j| reaction(j) == JointReaction::Free);
+        let free = order.len();
+        order.extend(held);
+        let inertia = workspace.reduced_inertia();
+        let reduced = DMatrix::from_fn(n, n, |i, j| inertia[(order[i], order[j])]);
+        let R_WB = *system.state.R_WB.to_rotation_matrix().matrix();
+        let mut terms = Self {
+            mass: workspace.mass,
+            inertia_inverse: R_WB * workspace.H_B_inverse.to_matrix() * R_WB.transpose(),
+            free_inertia: Cholesky::new(reduced.view((0, 0), (free, free)).into_owned()),
+            reduced,
+            free,
+            linear: Vector3::zeros(),
+            angular: Vector3::zeros(),
+            rates: DVector::zeros(n),
+            rows: DMatrix::zeros(count, 6 + n),
+            order,
+        };
+        // What brakes do to the free joints without any other impulse.
+        for k in free..n {
+            let j = terms.order[k];
+            terms.rates[k] = held_rate(system, j) - system.state.qd[j];
+        }
+        let coupled =
+            terms.reduced.view((0, free), (free, n - free)) * terms.rates.rows(free, n - free);
+        let change = terms.free_response(-coupled);
+        terms.rates.rows_mut(0, free).copy_from(&change);
+        terms
+    }
+
+    /// `Ĥ⁻¹` of the free joints times `efforts`.
+    fn free_response(&self, efforts: DVector<f64>) -> DVector<f64> {
+        match &self.free_inertia {
+            Some(factors) if self.free > 0 => factors.solve(&efforts),
+            // Without free joints there is nothing to solve; without factors, positions are not finite.
+            _ => efforts * f64::NAN,
+        }
+    }
+
+    /// Adds the velocity of `point`, fixed to the body of `frame`, times `sign`, to `count` rows from `first` on.
+    fn add_rows(
+        &mut self,
+        system: &System,
+        frame: &Frame,
+        point: &Vector3<f64>,
+        sign: f64,
+        first: usize,
+        count: usize,
+    ) {
+        let mut jacobian = Matrix6xX::zeros(self.order.len());
+        system.workspace.generalized_jacobian(frame, &mut jacobian);
+        let R_WB: Rotation3<f64> = system.state.R_WB.to_rotation_matrix();
+        let (arm, offset) = (point - system.state.p_WC, point - origin(system, frame));
+        let mut add = |column: usize, linear: Vector3<f64>, angular: Vector3<f64>| {
+            let all = linear.iter().chain(angular.iter());
+            for (k, value) in all.take(count).enumerate() {
+                self.rows[(first + k, column)] += sign * value;
+            }
+        };
+        for i in 0..3 {
+            let axis = Vector3::ith(i, 1.0);
+            add(i, axis, Vector3::zeros());
+            add(3 + i, axis.cross(&arm), axis);
+        }
+        for (k, &j) in self.order.iter().enumerate() {
+            let angular = R_WB * jacobian.fixed_view::<3, 1>(3, j);
+            let linear = R_WB * jacobian.fixed_view::<3, 1>(0, j) + angular.cross(&offset);
+            add(6 + k, linear, angular);
+        }
+    }
+
+    /// Adds `G W Gᵀ`.
+    fn add_delassus(&self, out: &mut DMatrix<f64>) {
+        let m = self.rows.nrows();
+        for j in 0..m {
+            let row = self.rows.row(j);
+            let angular = self.inertia_inverse * Vector3::new(row[3], row[4], row[5]);
+            let free = DVector::from_fn(self.free, |k, _| row[6 + k]);
+            let rates = self.free_response(free);
+            for i in 0..m {
+                let other = self.rows.row(i);
+                let mut sum = 0.0;
+                for k in 0..3 {
+                    sum += other[k] * row[k] / self.mass + other[3 + k] * angular[k];
+                }
+                for k in 0..self.free {
+                    sum += other[6 + k] * rates[k];
+                }
+                out[(i, j)] += sum;
+            }
+        }
+    }
+
+    /// Adds the rows' velocities, with the changes so far.
+    fn add_velocity(&self, state: &State, out: &mut DVector<f64>) {
+        let momentum = &state.momentum_W;
+        let linear = (momentum.linear + self.linear) / self.mass;
+        let angular = self.inertia_inverse * (momentum.angular + self.angular);
+        let mut velocity = DVector::zeros(self.rows.ncols());
+        velocity.fixed_rows_mut::<3>(0).copy_from(&linear);
+        velocity.fixed_rows_mut::<3>(3).copy_from(&angular);
+        for (k, &j) in self.order.iter().enumerate() {
+            velocity[6 + k] = state.qd[j] + self.rates[k];
+        }
+        *out += &self.rows * velocity;
+    }
+
+    /// The changes under impulses along the rows.
+    fn apply(&mut self, impulse: &DVector<f64>) {
+        let generalized = self.rows.tr_mul(impulse);
+        self.linear += generalized.fixed_rows::<3>(0);
+        self.angular += generalized.fixed_rows::<3>(3);
+        let change = self.free_response(generalized.rows(6, self.free).into_owned());
+        let mut rates = self.rates.rows_mut(0, self.free);
+        rates += change;
+    }
+
+    /// Impulses of brakes and servos.
+    fn held_impulses(&self, impulse: &DVector<f64>) -> DVector<f64> {
+        let (n, free) = (self.order.len(), self.free);
+        let generalized = self.rows.tr_mul(impulse);
+        self.reduced.view((free, 0), (n - free, n)) * &self.rates
+            - generalized.rows(6 + free, n - free)
+    }
+
+    /// Kinetic energy of the changes.
+    fn energy(&self) -> f64 {
+        let linear = self.linear.norm_squared() / self.mass;
+        let angular = self.angular.dot(&(self.inertia_inverse * self.angular));
+        0.5 * (linear + angular + self.rates.dot(&(&self.reduced * &self.rates)))
+    }
+}
+
+/// Inverse of a symmetric positive semidefinite matrix on its range.
+struct PseudoInverse {
+    scale: DVector<f64>,
+    eigen: SymmetricEigen<f64, Dyn>,
+    smallest: f64,
+}
+
+/// Eigenvalues below this fraction of the largest are those of dependent rows. The condition number of a grasp by a
+/// long arm, with all rows scaled to the same size, is at most some 1e6.
+const DEPENDENT: f64 = 1e-11;
+
+impl PseudoInverse {
+    fn new(mut matrix: DMatrix<f64>) -> Self {
+        let scale = matrix
+            .diagonal()
+            .map(|x| 1.0 / x.max(f64::MIN_POSITIVE).sqrt());
+        for j in 0..matrix.ncols() {
+            for i in 0..matrix.nrows() {
+                matrix[(i, j)] *= scale[i] * scale[j];
+            }
+        }
+        let eigen = SymmetricEigen::new(matrix);
+        let smallest = DEPENDENT * eigen.eigenvalues.amax();
+        Self {
+            scale,
+            eigen,
+            smallest,
+        }
+    }
+
+    fn times(&self, vector: &DVector<f64>) -> DVector<f64> {
+        let mut modal = self
+            .eigen
+            .eigenvectors
+            .tr_mul(&vector.component_mul(&self.scale));
+        for (x, value) in modal.iter_mut().zip(&self.eigen.eigenvalues) {
+            *x = if *value > self.smallest {
+                *x / value
+            } else {
+                0.0
+            };
+        }
+        (&self.eigen.eigenvectors * modal).component_mul(&self.scale)
+    }
+}

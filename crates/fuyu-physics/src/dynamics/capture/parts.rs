@@ -1,0 +1,197 @@
+//! Robot and target as parts of the joined system: their states, and the robot's input.
+
+use nalgebra::{DVector, Isometry3, UnitQuaternion};
+
+use super::captured::{Captured, Place};
+use crate::dynamics::{Floating, Forcing, Input, State};
+use crate::model::Model;
+use crate::spatial::{Pose, Wrench};
+
+/// A robot's state and input at a stage of a step, and where its bodies are in the joined model.
+#[derive(Debug, Clone)]
+pub(super) struct RobotPart {
+    state: State,
+    input: Input,
+    /// Per body of the robot, its body in the joined model and its pose there.
+    bodies: Vec<(usize, Pose)>,
+}
+
+impl RobotPart {
+    pub fn new(robot: &Model, joined: &Model) -> Self {
+        let bodies = robot.bodies().iter().map(|body| {
+            let frame = |model: &Model| model.frame(&body.name).expect("frames stay").clone();
+            let (own, place) = (frame(robot), frame(joined));
+            (place.body, place.X_BF * own.X_BF.inverse())
+        });
+        Self {
+            state: State::at_rest(robot),
+            input: Input::zero(robot),
+            bodies: bodies.collect(),
+        }
+    }
+
+    /// Writes the robot's input to that of the joined system.
+    fn write(places: &[Place], bodies: &[(usize, Pose)], from: &Input, to: &mut Input) {
+        for (place, effort) in places.iter().zip(&from.efforts) {
+            if let Place::Coordinate(j) = *place {
+                to.efforts[j] = *effort;
+            }
+        }
+        to.wrenches.fill(Wrench::ZERO);
+        for ((b, X_JB), wrench) in bodies.iter().zip(&from.wrenches) {
+            if *wrench != Wrench::ZERO {
+                to.wrenches[*b] += wrench.shifted_to_parent(X_JB);
+            }
+        }
+    }
+}
+
+/// Writes attitude and joints of the robot to `robot`; its centre of mass and momentum become those of the whole.
+fn read_robot(places: &[Place], whole: &State, robot: &mut State) {
+    robot.time = whole.time;
+    robot.R_WB = whole.R_WB;
+    robot.p_WC = whole.p_WC;
+    robot.momentum_W = whole.momentum_W;
+    robot.work = whole.work;
+    robot.dissipated = whole.dissipated;
+    for (k, place) in places.iter().enumerate() {
+        (robot.q[k], robot.qd[k]) = match *place {
+            Place::Coordinate(j) => (whole.q[j], whole.qd[j]),
+            Place::Locked(q) => (q, 0.0),
+        };
+    }
+}
+
+impl Captured {
+    /// Gives `robot`, a system of the robot's own model, the motion that it has in the joined system. Its work and
+    /// dissipated energy are those of the joined system.
+    ///
+    /// # Panics
+    /// If `robot` is another robot.
+    pub fn show_robot(&self, robot: &mut Floating) {
+        let (whole, workspace) = (self.floating.state(), self.floating.workspace());
+        let X_WB = Isometry3::from_parts(whole.X_WB(workspace).translation, whole.R_WB);
+        robot.change_state_with(|state, own| {
+            read_robot(&self.places, whole, state);
+            state.set_base(own, &X_WB, workspace.V_WB_B());
+        });
+    }
+
+    /// Gives `target`, a system of the target's own model, the motion that it has in the joined system. It has done no
+    /// work of its own.
+    ///
+    /// # Panics
+    /// If `target` is another target.
+    pub fn show_target(&self, target: &mut Floating) {
+        let whole = self.floating.state();
+        let (X_WO, V_W) = self.target_motion();
+        let R_WO = UnitQuaternion::from_rotation_matrix(&X_WO.rotation);
+        let mut V_O = V_W;
+        V_O.angular = R_WO.inverse() * V_W.angular;
+        V_O.linear = R_WO.inverse() * V_W.linear;
+        target.change_state_with(|state, own| {
+            state.time = whole.time;
+            state.work = 0.0;
+            state.dissipated = Default::default();
+            for (k, j) in self.joined.second.iter().enumerate() {
+                (state.q[k], state.qd[k]) = (whole.q[*j], whole.qd[*j]);
+            }
+            state.set_base(own, &Isometry3::from_parts(X_WO.translation, R_WO), &V_O);
+        });
+    }
+
+    /// Gives `robot`, which [`Self::show_robot`] has set, the accelerations that it has in the joined system under the
+    /// held input.
+    ///
+    /// # Panics
+    /// If `robot` is another robot.
+    pub fn show_robot_accelerations(&mut self, robot: &mut Floating) {
+        let found = self.floating.present_accelerations();
+        let qdd = self.places.iter().map(|place| match *place {
+            Place::Coordinate(j) => found.qdd[j],
+            Place::Locked(_) => 0.0,
+        });
+        let qdd: Vec<f64> = qdd.collect();
+        let A_WB_B = found.A_WB_B;
+        robot.show_accelerations(A_WB_B, &qdd);
+    }
+
+    /// Holds this input of the robot, in its own order, from now on. Nothing else acts on the joined system; efforts of
+    /// locked joints have no effect.
+    ///
+    /// # Panics
+    /// If `input` is that of another robot.
+    pub fn hold_robot_input(&mut self, input: &Input) {
+        let bodies = &self.part.bodies;
+        assert_eq!(
+            (input.efforts.len(), input.wrenches.len()),
+            (self.places.len(), bodies.len()),
+            "the input must be for the robot's joints and bodies"
+        );
+        RobotPart::write(&self.places, bodies, input, self.floating.input_mut());
+    }
+
+    /// Advances by one step of `dt` \[s\] under the robot's input that `forcing` makes of `input` at every stage. It is given
+    /// attitude and joints of the robot, with centre of mass and momentum of the whole. Afterwards the input that it
+    /// gives for the new state is held, and in `input`.
+    ///
+    /// # Panics
+    /// If `input` is that of another robot.
+    pub fn step_with(&mut self, dt: f64, input: &mut Input, forcing: &mut impl Forcing) {
+        self.part.input.copy_from(input);
+        let Self {
+            floating,
+            places,
+            part,
+            ..
+        } = self;
+        let mut of_whole = |time: f64, whole: &State, to: &mut Input| {
+            read_robot(places, whole, &mut part.state);
+            forcing.apply(time, &part.state, &mut part.input);
+            RobotPart::write(places, &part.bodies, &part.input, to);
+        };
+        floating.step_with(dt, &mut of_whole);
+        input.copy_from(&self.part.input);
+        self.choose_axes_if_tilted();
+    }
+
+    /// Joint positions and rates of the robot, in its own order; those of locked joints do not change.
+    pub fn robot_joints(&self) -> (DVector<f64>, DVector<f64>) {
+        let state = self.floating.state();
+        let at = |place: &Place| match *place {
+            Place::Coordinate(j) => (state.q[j], state.qd[j]),
+            Place::Locked(q) => (q, 0.0),
+        };
+        let (q, qd): (Vec<f64>, Vec<f64>) = self.places.iter().map(at).unzip();
+        (q.into(), qd.into())
+    }
+
+    /// Joint positions and rates of the target, in its own order.
+    pub fn target_joints(&self) -> (DVector<f64>, DVector<f64>) {
+        let state = self.floating.state();
+        let of = |values: &DVector<f64>| {
+            let of_target = self.joined.second.iter().map(|j| values[*j]);
+            DVector::from_iterator(self.joined.second.len(), of_target)
+        };
+        (of(&state.q), of(&state.qd))
+    }
+
+    /// Holds joint efforts of the robot \[N m or N\], in its own order, each within its limit; those of locked
+    /// joints have no effect.
+    ///
+    /// # Panics
+    /// If `efforts` does not have one element per joint of the robot.
+    pub fn hold_robot_efforts(&mut self, efforts: &[f64]) {
+        assert_eq!(
+            efforts.len(),
+            self.places.len(),
+            "efforts must have one element per joint of the robot"
+        );
+        let held = &mut self.floating.input_mut().efforts;
+        for ((place, effort), joint) in self.places.iter().zip(efforts).zip(self.robot.joints()) {
+            if let Place::Coordinate(j) = *place {
+                held[j] = effort.clamp(-joint.limits.effort, joint.limits.effort);
+            }
+        }
+    }
+}

@@ -1,0 +1,281 @@
+//! Forces at a point of contact, and what follows from them in closed form.
+
+use nalgebra::Vector3;
+
+/// Compliant contact of two surfaces: normal force by Hunt and Crossley, friction by Coulomb's law with a smooth
+/// transition.
+///
+/// With the depth `δ` and its rate `δ'`, the normal force is `k δ^p max(0, 1 + d δ')` (K. Hunt and F. Crossley,
+/// Coefficient of restitution interpreted as damping in vibroimpact, J. Applied Mechanics 42, 1975); it never
+/// pulls. With the slip `v`, friction is `-μ F v / sqrt(v² + v_s²)`: smooth, dissipative at any slip, and at most
+/// `μ F`. A grip under a tangential load `x μ F` therefore creeps at `v_s x / sqrt(1 - x²)`; a [`Bristle`] does
+/// not.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ContactLaw {
+    /// Stiffness `k` \[N/m^p\].
+    pub stiffness: f64,
+    /// Exponent `p`: 1 for a linear spring, 1.5 for Hertz's law.
+    pub exponent: f64,
+    /// Dissipation `d` \[s/m\].
+    pub dissipation: f64,
+    /// Coefficient of friction `μ`.
+    pub friction: f64,
+    /// Slip `v_s` \[m/s\] at which friction has reached 71 % of its limit.
+    pub stiction_speed: f64,
+    /// Where between the two surfaces the forces act, as a fraction of the depth: 0 at the deepest point of the
+    /// first shape, 1/2 in the middle.
+    pub point_weight: f64,
+    /// Elastic deflection instead of creep.
+    pub bristle: Option<Bristle>,
+}
+
+/// Deflection of asperities under friction: the model of C. Canudas de Wit, H. Olsson, K. Åström and P. Lischinsky
+/// (A new model for control of systems with friction, IEEE Trans. Automatic Control 40, 1995), per unit of normal
+/// force. The deflection `z` grows with the slip, `z' = v - |v| σ z / μ`, and friction is `-F (σ z + σ₁ z')`. Under
+/// a constant load less than `μ F` the slip ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bristle {
+    /// Stiffness `σ` \[1/m\]: friction over normal force per deflection.
+    pub stiffness: f64,
+    /// Damping `σ₁` \[s/m\].
+    pub damping: f64,
+}
+
+/// What is wrong with a [`ContactLaw`].
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{field} is {value}; it must be {wanted}")]
+pub struct LawError {
+    /// The field.
+    pub field: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// What would be right.
+    pub wanted: &'static str,
+}
+
+impl Default for ContactLaw {
+    fn default() -> Self {
+        Self {
+            stiffness: 1e6,
+            exponent: 1.0,
+            dissipation: 2.0,
+            friction: 0.5,
+            stiction_speed: 1e-3,
+            point_weight: 0.5,
+            bristle: None,
+        }
+    }
+}
+
+impl ContactLaw {
+    /// Checks the parameters.
+    ///
+    /// # Errors
+    /// [`LawError`] for one outside of its range.
+    pub fn check(&self) -> Result<(), LawError> {
+        let positive = |x: f64| x > 0.0 && x.is_finite();
+        let not_negative = |x: f64| x >= 0.0 && x.is_finite();
+        let bristle = self.bristle.unwrap_or(Bristle {
+            stiffness: 1.0,
+            damping: 0.0,
+        });
+        let (above, from) = ("positive and finite", "zero or positive, and finite");
+        for (field, value, is_right, wanted) in [
+            ("stiffness", self.stiffness, positive(self.stiffness), above),
+            (
+                "exponent",
+                self.exponent,
+                (1.0..=3.0).contains(&self.exponent),
+                "from 1 to 3",
+            ),
+            (
+                "dissipation",
+                self.dissipation,
+                not_negative(self.dissipation),
+                from,
+            ),
+            ("friction", self.friction, not_negative(self.friction), from),
+            (
+                "stiction_speed",
+                self.stiction_speed,
+                positive(self.stiction_speed),
+                above,
+            ),
+            (
+                "point_weight",
+                self.point_weight,
+                (0.0..=1.0).contains(&self.point_weight),
+                "from 0 to 1",
+            ),
+            (
+                "bristle stiffness",
+                bristle.stiffness,
+                positive(bristle.stiffness),
+                above,
+            ),
+            (
+                "bristle damping",
+                bristle.damping,
+                not_negative(bristle.damping),
+                from,
+            ),
+        ] {
+            if !is_right {
+                return Err(LawError {
+                    field,
+                    value,
+                    wanted,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Elastic part `k δ^p` of the normal force \[N\], continued smoothly to negative depths, where an integrator
+    /// may try it.
+    pub(super) fn elastic_force(&self, depth: f64) -> f64 {
+        let size = depth.abs();
+        let power = if self.exponent == 1.0 {
+            size
+        } else if self.exponent == 1.5 {
+            size * size.sqrt()
+        } else {
+            size.powf(self.exponent)
+        };
+        (self.stiffness * power).copysign(depth)
+    }
+
+    /// Normal force \[N\] at depth `depth` \[m\] that grows at `rate` \[m/s\].
+    pub fn normal_force(&self, depth: f64, rate: f64) -> f64 {
+        if depth <= 0.0 {
+            return 0.0;
+        }
+        self.elastic_force(depth) * (1.0 + self.dissipation * rate).max(0.0)
+    }
+
+    /// Energy \[J\] that is stored at depth `depth` \[m\].
+    pub fn stored_energy(&self, depth: f64) -> f64 {
+        self.elastic_force(depth.max(0.0)) * depth.max(0.0) / (self.exponent + 1.0)
+    }
+
+    /// Friction \[N\] at slip `slip` \[m/s\] under normal force `normal` \[N\], without bristle.
+    pub(super) fn friction_force(&self, normal: f64, slip: &Vector3<f64>) -> Vector3<f64> {
+        let speed = (slip.norm_squared() + self.stiction_speed * self.stiction_speed).sqrt();
+        slip * (-self.friction * normal / speed)
+    }
+
+    /// Rate of the deflection `z` of `bristle`.
+    pub(super) fn deflection_rate(
+        &self,
+        bristle: &Bristle,
+        slip: &Vector3<f64>,
+        z: &Vector3<f64>,
+    ) -> Vector3<f64> {
+        // |v| made smooth at zero, where it is smaller than |v|: a load that varies does not creep, either.
+        let squared = slip.norm_squared();
+        let speed = squared / (squared + self.stiction_speed * self.stiction_speed).sqrt();
+        if self.friction == 0.0 {
+            return -z * speed;
+        }
+        slip - z * (speed * bristle.stiffness / self.friction)
+    }
+
+    /// Slip \[m/s\] at which a contact without bristle creeps under a tangential load of `fraction` of `μ F`;
+    /// infinite from 1 on.
+    pub fn creep(&self, fraction: f64) -> f64 {
+        if fraction < 1.0 {
+            self.stiction_speed * fraction / (1.0 - fraction * fraction).sqrt()
+        } else {
+            f64::INFINITY
+        }
+    }
+
+    /// Coefficient of restitution of a head-on impact at `speed` \[m/s\], which depends on `a = d v` alone: the
+    /// root of `a (1 + e) = ln((1 + a) / (1 - a e))`, from the energy lost in the two halves of the impact.
+    pub fn restitution(&self, speed: f64) -> f64 {
+        restitution(self.dissipation * speed)
+    }
+}
+
+/// See [`ContactLaw::restitution`].
+fn restitution(a: f64) -> f64 {
+    if a < 1e-4 {
+        return 1.0 - 2.0 / 3.0 * a * (1.0 - 2.0 / 3.0 * a);
+    }
+    // ln(1 + x) - x falls from 0 at x = 0 on either side: x = -a e has the value of x = a. With f(x) = x - ln(1 +
+    // x), Newton's method for f(-y) = f(a), y in (0, 1), from below converges monotonically, as f(-y) is convex.
+    let target = a - a.ln_1p();
+    let f = |y: f64| -y - (-y).ln_1p();
+    let (mut low, mut high) = (0.0, 1.0);
+    let mut y = a / (1.0 + a);
+    for _ in 0..200 {
+        let error = f(y) - target;
+        if error > 0.0 {
+            high = y
+        } else {
+            low = y
+        }
+        let next = y - error * (1.0 - y) / y;
+        let next = if next > low && next < high {
+            next
+        } else {
+            0.5 * (low + high)
+        };
+        if (next - y).abs() <= 1e-16 * y {
+            break;
+        }
+        y = next;
+    }
+    y / a
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Values of Lambert's function with 12 digits: `e = (1 + W0(-(1 + a) exp(-(1 + a)))) / a`.
+    #[test]
+    fn restitution_is_that_of_the_closed_form() {
+        for (a, e) in [
+            (0.001, 0.999_333_777_452_1),
+            (0.01, 0.993_377_454_399),
+            (0.05, 0.967_738_578_531),
+            (0.1, 0.937_475_579_950),
+            (0.5, 0.748_434_931_597),
+            (1.0, 0.593_624_260_040),
+            (2.0, 0.410_719_686_061),
+            (5.0, 0.196_980_245_281),
+            (10.0, 0.099_981_624_753),
+        ] {
+            assert!(
+                (restitution(a) - e).abs() < 1e-12,
+                "{a}: {}",
+                restitution(a)
+            );
+        }
+        assert!((restitution(0.99e-4) - restitution(1.01e-4)).abs() < 2e-6);
+        assert!((restitution(1e3) - 1e-3).abs() < 1e-12);
+    }
+
+    #[test]
+    fn parameters_out_of_range_are_named() {
+        let law = ContactLaw {
+            friction: -0.1,
+            ..ContactLaw::default()
+        };
+        let message = law.check().unwrap_err().to_string();
+        assert_eq!(
+            message,
+            "friction is -0.1; it must be zero or positive, and finite"
+        );
+    }
+
+    #[test]
+    fn contacts_never_pull() {
+        let law = ContactLaw::default();
+        assert_eq!(law.normal_force(-1e-3, 1.0), 0.0);
+        assert_eq!(law.normal_force(1e-3, -10.0), 0.0);
+        assert!((law.normal_force(1e-3, 0.0) - 1e3).abs() < 1e-9);
+        assert!((law.stored_energy(1e-3) - 0.5).abs() < 1e-12);
+    }
+}

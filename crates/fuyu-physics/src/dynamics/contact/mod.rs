@@ -1,0 +1,23 @@
+//! Compliant contact of floating systems: shapes, the law of forces, and a world that steps several systems together.
+//!
+//! A [`ContactWorld`] owns [`Floating`](crate::dynamics::Floating) systems. [`Shape`]s are fixed to their bodies,
+//! and pairs of them touch under a [`ContactLaw`]: springs that dissipate (Hunt and Crossley), smooth Coulomb
+//! friction or bristles. Forces are equal and opposite at one point, so that total momentum does not change. Events
+//! are located, and steps are controlled by their error.
+
+mod error;
+mod events;
+mod law;
+mod polyhedron;
+mod radau;
+mod scene;
+mod shape;
+mod touch;
+mod world;
+
+pub use error::ContactError;
+pub use events::{ColliderId, ContactEvent, ContactPoint, ContactWork};
+pub use law::{Bristle, ContactLaw, LawError};
+pub use polyhedron::Polyhedron;
+pub use shape::{Shape, ShapeError};
+pub use world::ContactWorld;

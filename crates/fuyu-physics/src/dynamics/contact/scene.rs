@@ -1,0 +1,588 @@
+//! The equations of motion of several floating systems that touch.
+//!
+//! The state of each system is its attitude since the start of the step, centre of mass, joint positions, momentum
+//! and joint rates, with the angular momentum about a point that all systems share. Forces at a contact then change
+//! two momenta by opposite amounts, which sum to zero to the last digit: total momentum is linear in this state,
+//! and is conserved by any Runge-Kutta method.
+
+use std::ops::Range;
+
+use nalgebra::{DVector, UnitQuaternion, Vector3};
+
+use super::law::ContactLaw;
+use super::radau::Equations;
+use super::shape::Shape;
+use super::touch::{self, Touch};
+use crate::dynamics::rate::{turn, turn_rate};
+use crate::dynamics::{
+    Floating, Formulation as _, ForwardDynamics, Input, State, TreeAcceleration, TreeMotion,
+    Workspace,
+};
+use crate::spatial::{Pose, Wrench};
+
+/// A shape fixed to a body.
+#[derive(Debug, Clone)]
+pub(super) struct Collider {
+    pub system: usize,
+    pub body: usize,
+    pub X_BS: Pose,
+    pub shape: Shape,
+    /// Pose in the world.
+    pub X_WS: Pose,
+}
+
+/// Two colliders that may touch.
+#[derive(Debug, Clone)]
+pub(super) struct Pair {
+    pub first: usize,
+    pub second: usize,
+    pub law: ContactLaw,
+    /// Its points.
+    pub points: Range<usize>,
+}
+
+/// What a point does; it changes at events only, so that forces are smooth in between.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Mode {
+    Apart,
+    Touching,
+    /// Inside, but moving apart too fast for a force.
+    Parting,
+}
+
+/// A possible point of contact.
+#[derive(Debug, Clone)]
+pub(super) struct Point {
+    pub touch: Touch,
+    pub mode: Mode,
+    /// Rate of the depth \[m/s\].
+    pub rate: f64,
+    /// Where the forces act, world.
+    pub at: Vector3<f64>,
+    /// Force on the first body, world axes \[N\], and its normal part.
+    pub force: Vector3<f64>,
+    pub normal_force: f64,
+    /// Slip of the first body, world axes.
+    pub slip: Vector3<f64>,
+    /// Entry of the deflection in the state.
+    pub deflection: Option<usize>,
+}
+
+/// A system in the scene.
+#[derive(Debug, Clone)]
+pub(super) struct Member {
+    pub state: State,
+    pub workspace: Workspace,
+    dynamics: ForwardDynamics,
+    /// Held efforts and wrenches, and those with contact.
+    pub held: Input,
+    input: Input,
+    out: TreeAcceleration,
+    /// Attitude at the start of the step.
+    pub R_start: UnitQuaternion<f64>,
+    /// First entry in the state, and that of work and dissipation.
+    offset: usize,
+    quadrature: usize,
+    /// Force of contacts on each body, and torque about its origin; world axes.
+    loads: Vec<Wrench>,
+    /// Poses of the bodies.
+    X_WB: Vec<Pose>,
+}
+
+impl Member {
+    fn new(system: &Floating) -> Self {
+        let model = system.model();
+        Self {
+            state: system.state().clone(),
+            workspace: system.workspace().clone(),
+            dynamics: ForwardDynamics::articulated_body(model),
+            held: Input::zero(model),
+            input: Input::zero(model),
+            out: TreeAcceleration::zero(model),
+            R_start: system.state().R_WB,
+            offset: 0,
+            quadrature: 0,
+            loads: vec![Wrench::ZERO; model.bodies().len()],
+            X_WB: vec![Pose::identity(); model.bodies().len()],
+        }
+    }
+
+    fn dof(&self) -> usize {
+        self.state.q.len()
+    }
+
+    /// Velocity of the point `p` of body `b`, world axes.
+    fn velocity(&self, b: usize, p: &Vector3<f64>) -> Vector3<f64> {
+        let twist = &self.workspace.bodies[b].twist;
+        let X_WB = &self.X_WB[0];
+        let from_origin = X_WB
+            .rotation
+            .inverse_transform_vector(&(p - X_WB.translation.vector))
+            - self.workspace.p_BK(b);
+        X_WB.rotation * (twist.linear + twist.angular.cross(&from_origin))
+    }
+}
+
+/// Several floating systems and their contacts.
+#[derive(Debug, Clone)]
+pub(super) struct Scene {
+    pub members: Vec<Member>,
+    pub colliders: Vec<Collider>,
+    pub pairs: Vec<Pair>,
+    pub points: Vec<Point>,
+    /// Point about which angular momentum is taken.
+    origin: Vector3<f64>,
+    /// Unit of error of each entry of the state.
+    scale: Vec<f64>,
+    touches: Vec<Touch>,
+}
+
+impl Scene {
+    pub fn new<'a>(systems: impl Iterator<Item = &'a Floating>) -> Self {
+        Self {
+            members: systems.map(Member::new).collect(),
+            colliders: Vec::new(),
+            pairs: Vec::new(),
+            points: Vec::new(),
+            origin: Vector3::zeros(),
+            scale: Vec::new(),
+            touches: Vec::new(),
+        }
+    }
+
+    /// Assigns the entries of the state; returns their number.
+    pub fn assign(&mut self, tolerance: f64) -> usize {
+        let mut next = 0;
+        for member in &mut self.members {
+            member.offset = next;
+            next += 12 + 2 * member.dof();
+        }
+        let deflections = next;
+        self.points.clear();
+        let mut most = 0;
+        for pair in &mut self.pairs {
+            let count = touch::count(
+                &self.colliders[pair.first].shape,
+                &self.colliders[pair.second].shape,
+            );
+            pair.points = self.points.len()..self.points.len() + count;
+            most = most.max(count);
+            for _ in 0..count {
+                let deflection = pair.law.bristle.is_some().then_some(next);
+                next += if deflection.is_some() { 3 } else { 0 };
+                self.points.push(Point {
+                    touch: Touch::NONE,
+                    mode: Mode::Apart,
+                    rate: 0.0,
+                    at: Vector3::zeros(),
+                    force: Vector3::zeros(),
+                    normal_force: 0.0,
+                    slip: Vector3::zeros(),
+                    deflection,
+                });
+            }
+        }
+        self.touches = vec![Touch::NONE; most];
+        let quadratures = next;
+        for member in &mut self.members {
+            member.quadrature = next;
+            next += 2;
+        }
+        // One metre, radian, metre per second or radian per second; momentum as that of these speeds.
+        self.scale = vec![tolerance; next];
+        for member in &self.members {
+            let (mass, inverse) = (
+                member.workspace.mass,
+                member.workspace.H_B_inverse.to_matrix(),
+            );
+            let inertia = 1.0 / inverse.diagonal().max();
+            let momenta = member.offset + 6 + member.dof();
+            self.scale[momenta..momenta + 3].fill(tolerance * mass);
+            self.scale[momenta + 3..momenta + 6].fill(tolerance * inertia);
+            self.scale[member.quadrature..member.quadrature + 2].fill(tolerance * mass);
+        }
+        for pair in &self.pairs {
+            let Some(bristle) = &pair.law.bristle else {
+                continue;
+            };
+            for point in &self.points[pair.points.clone()] {
+                let Some(at) = point.deflection else { continue };
+                self.scale[at..at + 3].fill(tolerance / bristle.stiffness.max(1.0));
+            }
+        }
+        debug_assert!(deflections <= quadratures);
+        next
+    }
+
+    /// Takes over the state of every system, and writes it to `y`.
+    pub fn start<'a>(&mut self, systems: impl Iterator<Item = &'a State>, y: &mut [f64]) {
+        for (member, state) in self.members.iter_mut().zip(systems) {
+            member.state.copy_from(state);
+        }
+        let masses = self.members.iter().map(|m| m.workspace.mass);
+        let total: f64 = masses.sum();
+        let weighted = self.members.iter().map(|m| m.state.p_WC * m.workspace.mass);
+        self.origin = weighted.sum::<Vector3<f64>>() / total;
+        for member in &mut self.members {
+            let (state, n) = (&member.state, member.dof());
+            member.R_start = state.R_WB;
+            let part = &mut y[member.offset..][..12 + 2 * n];
+            part[..3].fill(0.0);
+            part[3..6].copy_from_slice((state.p_WC - self.origin).as_slice());
+            part[6..6 + n].copy_from_slice(state.q.as_slice());
+            let momentum = &state.momentum_W;
+            let angular = momentum.angular + (state.p_WC - self.origin).cross(&momentum.linear);
+            part[6 + n..9 + n].copy_from_slice(momentum.linear.as_slice());
+            part[9 + n..12 + n].copy_from_slice(angular.as_slice());
+            part[12 + n..].copy_from_slice(state.qd.as_slice());
+            y[member.quadrature] = 0.0;
+            y[member.quadrature + 1] = 0.0;
+        }
+    }
+
+    /// Makes the attitudes of `y` the new start.
+    pub fn turn_on(&mut self, y: &mut [f64]) {
+        for member in &mut self.members {
+            let turned = &mut y[member.offset..][..3];
+            member.R_start = turn(&member.R_start, &Vector3::from_column_slice(turned));
+            member.R_start.renormalize_fast();
+            turned.fill(0.0);
+        }
+    }
+
+    /// The state of system `i` in `y`, with what work and dissipation have added.
+    pub fn read(&self, i: usize, y: &[f64], state: &mut State) {
+        let member = &self.members[i];
+        set_state(member, &self.origin, y, state);
+        state.work += y[member.quadrature];
+        state.dissipated.damping += y[member.quadrature + 1];
+    }
+
+    /// Poses, motion and contacts at `y`.
+    fn locate(&mut self, y: &[f64]) {
+        for member in &mut self.members {
+            let mut state = std::mem::replace(&mut member.state, State::empty());
+            set_state(member, &self.origin, y, &mut state);
+            let workspace = &mut member.workspace;
+            workspace.set_positions(&state.q);
+            workspace.set_motion(&state);
+            member.X_WB[0] = state.X_WB(workspace);
+            for b in 1..member.X_WB.len() {
+                member.X_WB[b] = member.X_WB[0] * workspace.X_0B(b);
+            }
+            member.state = state;
+            member.loads.fill(Wrench::ZERO);
+        }
+        for collider in &mut self.colliders {
+            collider.X_WS = self.members[collider.system].X_WB[collider.body] * collider.X_BS;
+        }
+    }
+
+    /// The contacts at `y` in the modes that they have, and their forces.
+    fn touch(&mut self, y: &[f64]) {
+        for pair in &self.pairs {
+            let (first, second) = (&self.colliders[pair.first], &self.colliders[pair.second]);
+            let found = &mut self.touches[..pair.points.len()];
+            touch::find(
+                (&first.shape, &first.X_WS),
+                (&second.shape, &second.X_WS),
+                found,
+            );
+            for (point, touch) in self.points[pair.points.clone()].iter_mut().zip(found) {
+                point.touch = *touch;
+                let depth = -touch.gap;
+                let law = &pair.law;
+                // From the second body to the first; the fraction of the depth is counted from the first one's side.
+                let (normal, weight) = match touch.of_second {
+                    false => (touch.normal, law.point_weight),
+                    true => (-touch.normal, 1.0 - law.point_weight),
+                };
+                let reach = if depth.is_finite() {
+                    touch.radius - weight * depth
+                } else {
+                    touch.radius
+                };
+                point.at = touch.centre - touch.normal * reach;
+                let of = |collider: &Collider| {
+                    self.members[collider.system].velocity(collider.body, &point.at)
+                };
+                let relative = of(first) - of(second);
+                point.rate = -normal.dot(&relative);
+                point.slip = relative + normal * point.rate;
+                (point.force, point.normal_force) = (Vector3::zeros(), 0.0);
+                if point.mode != Mode::Touching || !depth.is_finite() {
+                    continue;
+                }
+                point.normal_force =
+                    law.elastic_force(depth) * (1.0 + law.dissipation * point.rate);
+                let friction = match (&law.bristle, point.deflection) {
+                    (Some(bristle), Some(at)) => {
+                        let R_W2 = &self.members[second.system].X_WB[second.body].rotation;
+                        let z = R_W2 * Vector3::from_column_slice(&y[at..at + 3]);
+                        let z = z - normal * normal.dot(&z);
+                        let rate = law.deflection_rate(bristle, &point.slip, &z);
+                        (z * bristle.stiffness + rate * bristle.damping) * -point.normal_force
+                    }
+                    _ => law.friction_force(point.normal_force, &point.slip),
+                };
+                point.force = normal * point.normal_force + friction;
+            }
+        }
+    }
+
+    /// Contacts at `y`, without the accelerations.
+    pub fn look(&mut self, y: &[f64]) {
+        self.locate(y);
+        self.touch(y);
+    }
+
+    /// By how much the mode of a point is wrong: positive if it should have changed. Where several should, the
+    /// largest.
+    pub fn violation(&self) -> f64 {
+        let mut worst = f64::NEG_INFINITY;
+        for pair in &self.pairs {
+            for point in &self.points[pair.points.clone()] {
+                worst = worst.max(violation(point, &pair.law));
+            }
+        }
+        worst
+    }
+
+    /// Changes the modes of the points that are wrong; deflections of points that begin to touch start at zero.
+    /// Calls `note` with the colliders, the number of the point, and whether it touches now, for each that begins
+    /// or ends to.
+    pub fn change_modes(&mut self, y: &mut [f64], mut note: impl FnMut(usize, usize, usize, bool)) {
+        for pair in &self.pairs {
+            for (i, point) in self.points[pair.points.clone()].iter_mut().enumerate() {
+                if violation(point, &pair.law) <= 0.0 {
+                    continue;
+                }
+                let begins = point.mode == Mode::Apart;
+                point.mode = if point.touch.gap > 0.0 {
+                    Mode::Apart
+                } else if 1.0 + pair.law.dissipation * point.rate < 0.0 {
+                    Mode::Parting
+                } else {
+                    Mode::Touching
+                };
+                if begins || point.mode == Mode::Apart {
+                    note(pair.first, pair.second, i, begins);
+                }
+                if let (true, Some(at)) = (begins, point.deflection) {
+                    y[at..at + 3].fill(0.0);
+                }
+            }
+        }
+    }
+
+    /// The longest step \[s\] in which no contact can begin and end unnoticed.
+    pub fn longest_step(&self) -> f64 {
+        let times = self
+            .approaches()
+            .map(|(gap, size, speed)| (gap + 0.25 * size) / speed);
+        times.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Whether nothing touches, nor can within `dt` \[s\], even at several times the present speed.
+    pub fn is_apart(&self, dt: f64) -> bool {
+        const MARGIN: f64 = 0.02;
+        let is_apart = self
+            .points
+            .iter()
+            .all(|point| point.mode == Mode::Apart && point.touch.gap > MARGIN);
+        is_apart
+            && self
+                .approaches()
+                .all(|(gap, _, speed)| gap - MARGIN > 4.0 * speed * dt)
+    }
+
+    /// Per pair with points that are apart: the smallest gap, the size of the smaller shape, and a bound of the
+    /// speed of approach.
+    fn approaches(&self) -> impl Iterator<Item = (f64, f64, f64)> + '_ {
+        self.pairs.iter().filter_map(|pair| {
+            let points = &self.points[pair.points.clone()];
+            let apart = points.iter().filter(|p| p.mode == Mode::Apart);
+            let gap = apart
+                .map(|p| p.touch.gap.max(0.0))
+                .fold(f64::INFINITY, f64::min);
+            if !gap.is_finite() {
+                return None;
+            }
+            let (first, second) = (&self.colliders[pair.first], &self.colliders[pair.second]);
+            let size = (first.shape.bounding_radius()).min(second.shape.bounding_radius());
+            let member = |collider: &Collider| &self.members[collider.system];
+            let centre = |collider: &Collider| collider.X_WS.translation.vector;
+            // A half-space has no centre: of two shapes, the smaller one is where they can touch.
+            let at = match (&first.shape, &second.shape) {
+                (Shape::HalfSpace, _) => [centre(second); 2],
+                (_, Shape::HalfSpace) => [centre(first); 2],
+                _ => [centre(first), centre(second)],
+            };
+            let motion = |collider: &Collider, at: &Vector3<f64>| {
+                let spin = member(collider).workspace.bodies[collider.body]
+                    .twist
+                    .angular
+                    .norm();
+                (member(collider).velocity(collider.body, at), spin)
+            };
+            let ((v_1, w_1), (v_2, w_2)) = (motion(first, &at[0]), motion(second, &at[1]));
+            let sizes = [first, second].map(|collider| collider.shape.bounding_radius());
+            let reach = |size: f64| if size.is_finite() { size } else { 0.0 };
+            let speed = (v_1 - v_2).norm() + w_1 * reach(sizes[0]) + w_2 * reach(sizes[1]);
+            (speed > 0.0).then_some((gap, size, speed))
+        })
+    }
+
+    /// Energy stored in the contacts \[J\].
+    pub fn stored_energy(&self) -> f64 {
+        let of = |pair: &Pair| {
+            let points = self.points[pair.points.clone()].iter();
+            points
+                .map(|p| pair.law.stored_energy(-p.touch.gap))
+                .sum::<f64>()
+        };
+        self.pairs.iter().map(of).sum()
+    }
+}
+
+fn violation(point: &Point, law: &ContactLaw) -> f64 {
+    /// Metres per unit of the damping factor: only signs matter.
+    const FACTOR: f64 = 1e-3;
+    let gap = point.touch.gap;
+    let damping = 1.0 + law.dissipation * point.rate;
+    match point.mode {
+        Mode::Apart => -gap,
+        Mode::Touching => gap.max(-damping * FACTOR),
+        Mode::Parting => gap.max(damping * FACTOR),
+    }
+}
+
+fn set_state(member: &Member, origin: &Vector3<f64>, y: &[f64], state: &mut State) {
+    let n = member.workspace.model().dof();
+    let part = &y[member.offset..][..12 + 2 * n];
+    let vector = |at: usize| Vector3::from_column_slice(&part[at..at + 3]);
+    let from_origin = vector(3);
+    state.R_WB = turn(&member.R_start, &vector(0));
+    state.p_WC = origin + from_origin;
+    state.q.as_mut_slice().copy_from_slice(&part[6..6 + n]);
+    state.momentum_W.linear = vector(6 + n);
+    state.momentum_W.angular = vector(9 + n) - from_origin.cross(&state.momentum_W.linear);
+    state.qd.as_mut_slice().copy_from_slice(&part[12 + n..]);
+}
+
+impl Equations for Scene {
+    fn rates(&mut self, y: &[f64], rates: &mut [f64]) {
+        self.locate(y);
+        self.touch(y);
+        rates.fill(0.0);
+        for pair in &self.pairs {
+            let (first, second) = (&self.colliders[pair.first], &self.colliders[pair.second]);
+            for point in &self.points[pair.points.clone()] {
+                if point.mode != Mode::Touching {
+                    continue;
+                }
+                let torque = (point.at - self.origin).cross(&point.force);
+                for (collider, sign) in [(first, 1.0), (second, -1.0)] {
+                    let member = &mut self.members[collider.system];
+                    let momenta = member.offset + 6 + member.state.q.len();
+                    let force = point.force * sign;
+                    for i in 0..3 {
+                        rates[momenta + i] += force[i];
+                        rates[momenta + 3 + i] += sign * torque[i];
+                    }
+                    let arm = point.at - member.X_WB[collider.body].translation.vector;
+                    member.loads[collider.body] += Wrench::new(arm.cross(&force), force);
+                }
+                if let (Some(bristle), Some(at)) = (&pair.law.bristle, point.deflection) {
+                    let R_W2 = &self.members[second.system].X_WB[second.body].rotation;
+                    let z = Vector3::from_column_slice(&y[at..at + 3]);
+                    let slip = R_W2.inverse_transform_vector(&point.slip);
+                    let rate = pair.law.deflection_rate(bristle, &slip, &z);
+                    rates[at..at + 3].copy_from_slice(rate.as_slice());
+                }
+            }
+        }
+        for member in &mut self.members {
+            let n = member.state.q.len();
+            let (mut work, mut damping) = (0.0, 0.0);
+            let part = &mut rates[member.offset..][..12 + 2 * n];
+            for (b, load) in member.loads.iter_mut().enumerate() {
+                let X_WB = &member.X_WB[b];
+                let held = &member.held.wrenches[b];
+                let mut wrench = Wrench {
+                    torque: X_WB.rotation.inverse_transform_vector(&load.torque),
+                    force: X_WB.rotation.inverse_transform_vector(&load.force),
+                };
+                if *held != Wrench::ZERO {
+                    let force = X_WB.rotation * held.force;
+                    let arm = X_WB.translation.vector - self.origin;
+                    let torque = X_WB.rotation * held.torque + arm.cross(&force);
+                    for i in 0..3 {
+                        part[6 + n + i] += force[i];
+                        part[9 + n + i] += torque[i];
+                    }
+                    wrench += *held;
+                }
+                if wrench != Wrench::ZERO {
+                    // Twist of the body's frame, body axes.
+                    let twist = &member.workspace.bodies[b].twist;
+                    let X_0B = member.X_WB[0].inverse() * X_WB;
+                    let from = X_0B.translation.vector - member.workspace.p_BK(b);
+                    let linear = twist.linear + twist.angular.cross(&from);
+                    let to_body = X_0B.rotation.inverse();
+                    work += (to_body * twist.angular).dot(&wrench.torque)
+                        + (to_body * linear).dot(&wrench.force);
+                }
+                member.input.wrenches[b] = wrench;
+            }
+            let state = &member.state;
+            let turned = Vector3::from_column_slice(&y[member.offset..][..3]);
+            let w = member.workspace.V_WB_B().angular;
+            part[..3].copy_from_slice(turn_rate(&turned, &w).as_slice());
+            let v = state.momentum_W.linear / member.workspace.mass;
+            part[3..6].copy_from_slice(v.as_slice());
+            part[6..6 + n].copy_from_slice(state.qd.as_slice());
+            if n > 0 {
+                member.input.efforts.copy_from(&member.held.efforts);
+                let motion = TreeMotion {
+                    R_WB: state.R_WB,
+                    V_WB_B: *member.workspace.V_WB_B(),
+                    q: state.q.as_slice(),
+                    qd: state.qd.as_slice(),
+                };
+                member
+                    .dynamics
+                    .accelerations(&motion, &member.input, &mut member.out);
+                part[12 + n..].copy_from_slice(member.out.qdd.as_slice());
+                let joints = member.workspace.model().joints();
+                for (j, joint) in joints.iter().enumerate() {
+                    let (q, qd) = (state.q[j], state.qd[j]);
+                    work += (member.input.efforts[j] + joint.passive_effort(q, qd)) * qd;
+                    damping += joint.damping * qd * qd;
+                }
+            }
+            rates[member.quadrature] = work;
+            rates[member.quadrature + 1] = damping;
+        }
+    }
+
+    fn scale(&self) -> &[f64] {
+        &self.scale
+    }
+}
+
+impl State {
+    /// A state of no robot, without allocation.
+    fn empty() -> Self {
+        Self {
+            time: 0.0,
+            R_WB: UnitQuaternion::identity(),
+            p_WC: Vector3::zeros(),
+            momentum_W: Default::default(),
+            q: DVector::zeros(0),
+            qd: DVector::zeros(0),
+            work: 0.0,
+            dissipated: Default::default(),
+        }
+    }
+}

@@ -1,0 +1,577 @@
+//! Several floating systems that touch, stepped together.
+
+use super::error::ContactError;
+use super::events::{ColliderId, ContactEvent, ContactPoint, ContactWork};
+use super::law::ContactLaw;
+use super::radau::Radau;
+use super::scene::{Collider, Pair, Scene};
+use super::shape::Shape;
+use crate::dynamics::{Floating, Input};
+use crate::model::Frame;
+use crate::spatial::Pose;
+
+/// Events in one call of [`ContactWorld::step`] from which on none is located any more.
+const EVENTS: usize = 10_000;
+/// Steps in one call of [`ContactWorld::step`], rejected ones included, from which on it fails.
+const STEPS: usize = 200_000;
+/// Steps in one call, rejected ones included, from which on the tolerance is raised, and after how many more it is ten
+/// times as large: forces that jump, as those of polyhedra may, must not bring time to a halt.
+const HURDLE: (usize, usize) = (5000, 1000);
+/// Iterations that locate an event.
+const LOCATING: usize = 60;
+/// Depth \[m\] up to which an event counts as located.
+const LOCATED: f64 = 1e-15;
+/// Smallest step relative to the whole. Where the error is still too large, the step is taken as it is.
+const SMALLEST: f64 = 1e-12;
+/// Iterations beyond which the next step gets a new Jacobian.
+const SLOW: usize = 4;
+
+/// Events that are kept until they are taken.
+const KEPT: usize = 1024;
+
+/// Several floating systems that touch, stepped together. Steps are as long as accuracy allows, however stiff the
+/// contacts are: [Radau's implicit method](https://doi.org/10.1007/978-3-642-05221-7) of order 5 with error
+/// control, from event to event. Total momentum is conserved to rounding at any tolerance. Of joint physics,
+/// springs and dampers act; friction, stops and speed limits of joints do not.
+///
+/// ```
+/// use fuyu_physics::dynamics::contact::{ContactLaw, ContactWorld, Shape};
+/// use fuyu_physics::dynamics::{Floating, IntegrationMethod, State};
+/// use fuyu_physics::model::ModelBuilder;
+/// use fuyu_physics::spatial::{Pose, RigidInertia};
+/// use nalgebra::{Matrix3, Vector3};
+///
+/// // Two balls of 1 kg; the first one moves towards the second at 1 m/s.
+/// let ball = RigidInertia { mass: 1.0, com: Vector3::zeros(), about_com: Matrix3::identity() * 0.004 };
+/// let model = ModelBuilder::new("ball", "ball", ball).build();
+/// let systems = [0.0, 0.5].map(|x| {
+///     let mut state = State::at_rest(&model);
+///     state.p_WC.x = x;
+///     state.momentum_W.linear.x = if x == 0.0 { 1.0 } else { 0.0 };
+///     Floating::new(model.clone(), state, IntegrationMethod::Dop8)
+/// });
+/// let mut world = ContactWorld::new(systems.into());
+/// let [a, b] = [0, 1].map(|i| world.add_collider(i, 0, Pose::identity(), Shape::Sphere { radius: 0.1 }));
+/// let law = ContactLaw { dissipation: 0.0, ..ContactLaw::default() };
+/// world.add_pair(a, b, law)?;
+/// world.step(1.0)?;
+/// // Without dissipation they exchange their velocities.
+/// assert!((world.systems()[1].state().momentum_W.linear.x - 1.0).abs() < 1e-8);
+/// # Ok::<(), fuyu_physics::dynamics::contact::ContactError>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct ContactWorld {
+    systems: Vec<Floating>,
+    scene: Scene,
+    radau: Radau,
+    /// State at the start of the step, and where it is tried.
+    y: Vec<f64>,
+    trial: Vec<f64>,
+    /// Estimate of the error that counts as one, and the tolerance of the iteration relative to it.
+    tolerance: f64,
+    /// By what the tolerance is raised.
+    raised: f64,
+    next_step: f64,
+    /// Whether colliders, pairs or states have changed since the last step.
+    is_changed: bool,
+    work: ContactWork,
+    events: Vec<ContactEvent>,
+    /// Longest step of the systems' own integrators.
+    free_step: Option<f64>,
+}
+
+impl ContactWorld {
+    /// A world of these systems, without colliders.
+    pub fn new(systems: Vec<Floating>) -> Self {
+        let scene = Scene::new(systems.iter());
+        Self {
+            scene,
+            radau: Radau::new(0),
+            y: Vec::new(),
+            trial: Vec::new(),
+            tolerance: 1e-8,
+            raised: 1.0,
+            next_step: f64::INFINITY,
+            is_changed: true,
+            work: ContactWork::default(),
+            events: Vec::with_capacity(KEPT),
+            free_step: None,
+            systems,
+        }
+    }
+
+    /// The same world with another tolerance: about the error per step \[m, rad, m/s, rad/s\]; 1e-8 by default.
+    #[must_use]
+    pub fn with_tolerance(mut self, tolerance: f64) -> Self {
+        self.tolerance = tolerance.clamp(1e-16, 1e-2);
+        self.is_changed = true;
+        self
+    }
+
+    /// The same world, whose systems are stepped by their own integrators, in steps of at most `dt` \[s\], while
+    /// nothing can touch: then with friction, stops and speed limits of joints, and exactly as without contact.
+    #[must_use]
+    pub fn with_free_steps(mut self, dt: f64) -> Self {
+        self.free_step = Some(dt);
+        self
+    }
+
+    /// Fixes a shape to body `body` of system `system`, at pose `X_BS`.
+    ///
+    /// # Panics
+    /// If there is no such body.
+    pub fn add_collider(
+        &mut self,
+        system: usize,
+        body: usize,
+        X_BS: Pose,
+        shape: Shape,
+    ) -> ColliderId {
+        let count = self.systems[system].model().bodies().len();
+        assert!(
+            body < count,
+            "system {system} has {count} bodies, not body {body}"
+        );
+        self.is_changed = true;
+        self.scene.colliders.push(Collider {
+            system,
+            body,
+            X_BS,
+            shape,
+            X_WS: X_BS,
+        });
+        ColliderId(self.scene.colliders.len() - 1)
+    }
+
+    /// Fixes a shape to a frame of system `system`.
+    ///
+    /// # Panics
+    /// As [`Self::add_collider`].
+    pub fn add_collider_on(
+        &mut self,
+        system: usize,
+        frame: &Frame,
+        X_FS: &Pose,
+        shape: Shape,
+    ) -> ColliderId {
+        self.add_collider(system, frame.body, frame.X_BF * X_FS, shape)
+    }
+
+    /// Lets two colliders touch.
+    ///
+    /// # Errors
+    /// [`ContactError`] if the law is not valid, or if the two cannot touch.
+    pub fn add_pair(
+        &mut self,
+        first: ColliderId,
+        second: ColliderId,
+        law: ContactLaw,
+    ) -> Result<(), ContactError> {
+        let names = || [first, second].map(|id| self.name(id));
+        if let Err(problem) = law.check() {
+            let [first, second] = names();
+            return Err(ContactError::Law {
+                first,
+                second,
+                problem,
+            });
+        }
+        let [a, b] = [first, second].map(|id| &self.scene.colliders[id.0]);
+        let reason = if (a.system, a.body) == (b.system, b.body) {
+            Some("they are on one body")
+        } else if a.shape == Shape::HalfSpace && b.shape == Shape::HalfSpace {
+            Some("both are half-spaces")
+        } else if [a, b]
+            .iter()
+            .any(|c| !self.systems[c.system].loops().closures().is_empty())
+        {
+            Some("one of them is part of a mechanism with closed loops")
+        } else {
+            None
+        };
+        if let Some(reason) = reason {
+            let [first, second] = names();
+            return Err(ContactError::Pair {
+                first,
+                second,
+                reason,
+            });
+        }
+        self.is_changed = true;
+        self.scene.pairs.push(Pair {
+            first: first.0,
+            second: second.0,
+            law,
+            points: 0..0,
+        });
+        Ok(())
+    }
+
+    /// Name of a collider's body.
+    fn name(&self, id: ColliderId) -> String {
+        let collider = &self.scene.colliders[id.0];
+        let model = self.systems[collider.system].model();
+        format!("{} of {}", model.bodies()[collider.body].name, model.name())
+    }
+
+    /// The systems.
+    pub fn systems(&self) -> &[Floating] {
+        &self.systems
+    }
+
+    /// A system, to set its state, efforts or wrenches.
+    pub fn system_mut(&mut self, i: usize) -> &mut Floating {
+        self.is_changed = true;
+        &mut self.systems[i]
+    }
+
+    /// Held efforts and external wrenches of a system. Unlike [`Self::system_mut`] this keeps what the integration
+    /// has learned.
+    pub fn input_mut(&mut self, i: usize) -> &mut Input {
+        self.systems[i].input_mut()
+    }
+
+    /// What the integration has done since the start.
+    pub fn work(&self) -> ContactWork {
+        self.work
+    }
+
+    /// Checks that nothing overlaps.
+    ///
+    /// # Errors
+    /// [`ContactError::Overlap`] with the deepest point.
+    pub fn check_apart(&mut self) -> Result<(), ContactError> {
+        self.begin();
+        let mut deepest: Option<(f64, usize)> = None;
+        for (k, pair) in self.scene.pairs.iter().enumerate() {
+            for point in &self.scene.points[pair.points.clone()] {
+                let depth = -point.touch.gap;
+                if depth > deepest.map_or(0.0, |d| d.0) {
+                    deepest = Some((depth, k));
+                }
+            }
+        }
+        let Some((depth, k)) = deepest else {
+            return Ok(());
+        };
+        let pair = &self.scene.pairs[k];
+        let [first, second] = [pair.first, pair.second].map(|i| self.name(ColliderId(i)));
+        Err(ContactError::Overlap {
+            first,
+            second,
+            depth,
+        })
+    }
+
+    /// The points at which bodies touch now.
+    pub fn contacts(&self) -> impl Iterator<Item = ContactPoint> + '_ {
+        self.scene.pairs.iter().flat_map(move |pair| {
+            let points = self.scene.points[pair.points.clone()].iter();
+            points
+                .filter(|point| point.touch.gap < 0.0)
+                .map(move |point| ContactPoint {
+                    colliders: [ColliderId(pair.first), ColliderId(pair.second)],
+                    at: point.at,
+                    normal: point.touch.normal * if point.touch.of_second { -1.0 } else { 1.0 },
+                    depth: -point.touch.gap,
+                    force: point.force,
+                    slip: point.slip,
+                })
+        })
+    }
+
+    /// Energy that the contacts store \[J\].
+    pub fn stored_energy(&self) -> f64 {
+        self.scene.stored_energy()
+    }
+
+    /// Kinetic energy of all systems \[J\].
+    pub fn kinetic_energy(&self) -> f64 {
+        self.systems
+            .iter()
+            .map(|system| system.workspace().kinetic_energy())
+            .sum()
+    }
+
+    /// Estimate of the error that counts as one. It is of a lower order than the method, so that it may be larger
+    /// than the error wanted (the transformation of tolerances in Hairer's program RADAU5).
+    fn estimate(&self) -> f64 {
+        0.1 * self.tolerance.powf(2.0 / 3.0)
+    }
+
+    /// Takes over the states of the systems.
+    fn begin(&mut self) {
+        if self.is_changed {
+            let count = self.scene.assign(self.estimate());
+            self.radau = Radau::new(count);
+            self.y = vec![0.0; count];
+            self.trial = vec![0.0; count];
+            self.next_step = f64::INFINITY;
+        }
+        self.scene
+            .start(self.systems.iter().map(Floating::state), &mut self.y);
+        for (member, system) in self.scene.members.iter_mut().zip(&self.systems) {
+            member.held.copy_from(system.input());
+        }
+        self.scene.look(&self.y);
+        if std::mem::take(&mut self.is_changed) {
+            self.change_modes(0.0);
+        }
+    }
+
+    /// Changes the modes of points `elapsed` after the start of the step, and keeps the events.
+    fn change_modes(&mut self, elapsed: f64) {
+        let Self {
+            scene,
+            y,
+            events,
+            systems,
+            ..
+        } = self;
+        let time = systems.first().map_or(0.0, |system| system.state().time) + elapsed;
+        let mut kept = |first: usize, second: usize, point: usize, begins: bool| {
+            if events.len() < KEPT {
+                let colliders = [ColliderId(first), ColliderId(second)];
+                events.push(ContactEvent {
+                    time,
+                    colliders,
+                    point,
+                    begins,
+                });
+            }
+        };
+        scene.change_modes(y, &mut kept);
+    }
+
+    /// The points that have begun or ended to touch since the last call, at most 1024.
+    pub fn take_events(&mut self) -> impl Iterator<Item = ContactEvent> + '_ {
+        self.events.drain(..)
+    }
+
+    /// Advances all systems by `dt` \[s\] under their held inputs.
+    ///
+    /// # Errors
+    /// [`ContactError::NotConverged`]; the systems then stay where they are.
+    pub fn step(&mut self, dt: f64) -> Result<(), ContactError> {
+        self.begin();
+        if let Some(free_step) = self.free_step
+            && self.scene.is_apart(dt)
+        {
+            let steps = (dt / free_step).ceil().max(1.0);
+            for system in &mut self.systems {
+                system.step(dt / steps, steps as usize);
+            }
+            self.radau.restart();
+            return Ok(());
+        }
+        self.radau.begin(&self.y, &mut self.scene);
+        let (mut left, mut events) = (dt, 0);
+        let first = self.work.steps + self.work.rejected;
+        while left > 0.0 {
+            let tries = self.work.steps + self.work.rejected - first;
+            let hurdles = tries.saturating_sub(HURDLE.0).div_ceil(HURDLE.1);
+            self.raised = 10f64.powi(hurdles.min(9) as i32);
+            let wanted = self.next_step.min(self.scene.longest_step());
+            let wanted = wanted.max(SMALLEST * dt);
+            // Not a tiny rest at the end.
+            let h = if wanted >= left {
+                left
+            } else if wanted > 0.5 * left {
+                0.5 * left
+            } else {
+                wanted
+            };
+            let taken = self.advance(h, dt - left, SMALLEST * dt, &mut events);
+            let Some(taken) = taken.filter(|_| tries < STEPS) else {
+                self.is_changed = true;
+                let start = self
+                    .systems
+                    .first()
+                    .map_or(0.0, |system| system.state().time);
+                let time = start + dt - left;
+                return Err(ContactError::NotConverged { time });
+            };
+            left = if taken >= left { 0.0 } else { left - taken };
+        }
+        for (i, system) in self.systems.iter_mut().enumerate() {
+            let (scene, y) = (&self.scene, &self.y);
+            system.change_state(|state| {
+                let end = state.time + dt;
+                scene.read(i, y, state);
+                state.time = end;
+            });
+        }
+        Ok(())
+    }
+
+    /// One step of at most `h`, `elapsed` after the start, at the end of which an event may be; returns its length.
+    /// `None` if not even the smallest step converges.
+    fn advance(
+        &mut self,
+        mut h: f64,
+        elapsed: f64,
+        smallest: f64,
+        events: &mut usize,
+    ) -> Option<f64> {
+        let iteration = self.iteration_tolerance() * self.raised;
+        if self.radau.is_new() || self.radau.iterations > SLOW {
+            self.set_jacobian();
+        }
+        loop {
+            let error = self.radau.step(&self.y, h, iteration, &mut self.scene);
+            let error = match error {
+                Some(error) => error / self.raised,
+                // The smallest step is taken as it is.
+                None if h <= smallest && self.radau.is_current && self.radau.is_finite => 1.0,
+                None => {
+                    self.work.rejected += 1;
+                    if !self.radau.is_current {
+                        self.set_jacobian();
+                    } else if h <= smallest {
+                        return None;
+                    } else {
+                        h *= 0.5;
+                    }
+                    continue;
+                }
+            };
+            let factor = 0.9 * error.max(1e-8).powf(-0.25);
+            if !error.is_finite() && h <= smallest {
+                return None;
+            }
+            if (error > 1.0 || error.is_nan()) && h > smallest {
+                self.work.rejected += 1;
+                h *= if error.is_nan() {
+                    0.1
+                } else {
+                    factor.clamp(0.1, 0.9)
+                };
+                continue;
+            }
+            if let Some(after) = self.find_violation(h)
+                && *events < EVENTS
+            {
+                *events += 1;
+                let taken = self.locate(after, iteration);
+                self.accept(taken);
+                self.scene.look(&self.y);
+                self.change_modes(elapsed + taken);
+                self.work.events += 1;
+                self.radau.restart();
+                self.radau.begin(&self.y, &mut self.scene);
+                self.next_step = h;
+                return Some(taken);
+            }
+            // A step that is kept spares a factorization.
+            self.next_step = if (1.0..1.2).contains(&factor) {
+                h
+            } else {
+                h * factor.clamp(0.2, 8.0)
+            };
+            self.accept(h);
+            self.radau.begin(&self.y, &mut self.scene);
+            return Some(h);
+        }
+    }
+
+    /// Tolerance of the iteration in units of the error estimate.
+    fn iteration_tolerance(&self) -> f64 {
+        let estimate = self.estimate();
+        (estimate.sqrt()).min(0.03).max(1e-15 / estimate)
+    }
+
+    fn set_jacobian(&mut self) {
+        self.radau.set_jacobian(&self.y, &mut self.scene);
+        self.work.jacobians += 1;
+    }
+
+    fn accept(&mut self, h: f64) {
+        self.radau.accept(h);
+        for (y, change) in self.y.iter_mut().zip(self.radau.accepted()) {
+            *y += change;
+        }
+        self.scene.turn_on(&mut self.y);
+        self.work.steps += 1;
+    }
+
+    /// By how much modes are wrong after a change of the state.
+    fn violation_after(&mut self, stage: usize) -> f64 {
+        for ((trial, y), change) in self
+            .trial
+            .iter_mut()
+            .zip(&self.y)
+            .zip(self.radau.stage(stage))
+        {
+            *trial = y + change;
+        }
+        self.scene.look(&self.trial);
+        self.scene.violation()
+    }
+
+    /// The first stage of a step of `h` at which a mode should have changed: its time.
+    fn find_violation(&mut self, h: f64) -> Option<f64> {
+        if self.scene.points.is_empty() {
+            return None;
+        }
+        let times = Radau::times();
+        (0..3)
+            .find(|&stage| self.violation_after(stage) > 0.0)
+            .map(|stage| h * times[stage])
+    }
+
+    /// Finds the first event before `after`; the step then ends there. Returns its length.
+    fn locate(&mut self, mut after: f64, iteration: f64) -> f64 {
+        let (mut before, mut violation_before) = (0.0, None);
+        let mut found_after = self.try_step(after, iteration);
+        // What the secant uses: halved where one side stays (the Illinois method).
+        let mut violation_after = found_after;
+        let mut last_side = 0;
+        for _ in 0..LOCATING {
+            if found_after > 0.0 && found_after <= LOCATED || after - before <= 1e-14 * after {
+                break;
+            }
+            let guess = match violation_before {
+                Some(at_before) if at_before < 0.0 => {
+                    before - at_before * (after - before) / (violation_after - at_before)
+                }
+                _ => f64::NAN,
+            };
+            // A little beyond the root, so that the other side is reached, too.
+            let guess = guess + 1e-3 * (after - before).min(guess - before);
+            let time = if guess > before && guess < after {
+                guess
+            } else {
+                0.5 * (before + after)
+            };
+            let violation = self.try_step(time, iteration);
+            if violation > 0.0 {
+                (after, found_after, violation_after) = (time, violation, violation);
+                if last_side == 1 {
+                    violation_before = violation_before.map(|v| 0.5 * v);
+                }
+                last_side = 1;
+            } else {
+                (before, violation_before) = (time, Some(violation));
+                if last_side == -1 {
+                    violation_after *= 0.5;
+                }
+                last_side = -1;
+            }
+        }
+        let _ = self.try_step(after, iteration);
+        after
+    }
+
+    /// A step of `h` without control of its error; by how much modes are wrong at its end.
+    fn try_step(&mut self, h: f64, iteration: f64) -> f64 {
+        if self
+            .radau
+            .step(&self.y, h, iteration, &mut self.scene)
+            .is_none()
+        {
+            self.set_jacobian();
+            let _ = self.radau.step(&self.y, h, iteration, &mut self.scene);
+        }
+        self.violation_after(2)
+    }
+}

@@ -1,0 +1,157 @@
+//! A rigid robot that may hold a target.
+
+use crate::{
+    dynamics::{
+        Floating, Forcing, IntegrationMethod, JointPhysics, State,
+        capture::{CaptureError, Captured, Grasp, ReleaseSpring},
+    },
+    model::Frame,
+    spatial::Pose,
+};
+
+/// A rigid robot. While it holds a target, the joined system of both is stepped; the robot itself has the motion that it
+/// has in the joined system, so that everything that looks at the robot need not know.
+pub struct RigidRobot {
+    own: Floating,
+    held: Option<Held>,
+}
+
+/// What the robot holds.
+struct Held {
+    /// Name of the target.
+    target: String,
+    captured: Captured,
+}
+
+impl RigidRobot {
+    /// A robot that holds nothing.
+    pub fn new(own: Floating) -> Self {
+        Self { own, held: None }
+    }
+
+    /// The robot itself.
+    pub fn own(&self) -> &Floating {
+        &self.own
+    }
+
+    /// The robot itself. Its state must not be changed while it holds something.
+    pub fn own_mut(&mut self) -> &mut Floating {
+        &mut self.own
+    }
+
+    /// The robot with what it holds.
+    pub fn whole(&self) -> &Floating {
+        match &self.held {
+            Some(held) => held.captured.floating(),
+            None => &self.own,
+        }
+    }
+
+    /// Name of the target that it holds.
+    pub fn held(&self) -> Option<&str> {
+        self.held.as_ref().map(|held| held.target.as_str())
+    }
+
+    /// Grasps a target; both get the motion after the impulse. A target that it holds already is grasped by a second
+    /// frame, which closes a loop. Returns the energy that is lost \[J\].
+    ///
+    /// # Errors
+    /// [`CaptureError`]; nothing has changed then.
+    pub fn grasp(
+        &mut self,
+        (name, target): (&str, &mut Floating),
+        grasp: &Grasp,
+        method: IntegrationMethod,
+        joint_physics: &JointPhysics,
+    ) -> Result<f64, CaptureError> {
+        let impulse = match &mut self.held {
+            Some(held) => (held.captured).grasp_again(&grasp.robot, &grasp.target, grasp.latch)?,
+            None => {
+                let (captured, impulse) = Captured::new(&self.own, target, grasp, method)?;
+                self.held = Some(Held {
+                    target: name.to_owned(),
+                    captured: captured.with_joint_physics(joint_physics),
+                });
+                impulse
+            }
+        };
+        if let Some(held) = &self.held {
+            held.captured.show_robot(&mut self.own);
+            held.captured.show_target(target);
+        }
+        Ok(impulse.energy_lost)
+    }
+
+    /// Opens all grasps: robot and target move apart as `spring` pushes them.
+    pub fn release(&mut self, target: &mut Floating, spring: Option<&ReleaseSpring>) {
+        if let Some(held) = self.held.take() {
+            let released = held.captured.release(spring);
+            self.own.set_state(released.robot);
+            target.set_state(released.target);
+        }
+    }
+
+    /// Holds nothing any more; the robot keeps its motion.
+    pub fn let_go(&mut self) {
+        self.held = None;
+    }
+
+    /// Gives the target that it holds the motion that it has in the joined system.
+    pub fn show_target(&self, target: &mut Floating) {
+        if let Some(held) = &self.held {
+            held.captured.show_target(target);
+        }
+    }
+
+    /// Replaces the state; the robot holds nothing then.
+    pub fn restore(&mut self, state: &State) {
+        self.let_go();
+        self.own.set_state(state.clone());
+    }
+
+    /// Computes the accelerations of all frames under what acts now.
+    pub fn set_accelerations(&mut self) {
+        match &mut self.held {
+            Some(held) => {
+                held.captured.hold_robot_input(self.own.input());
+                held.captured.show_robot_accelerations(&mut self.own);
+            }
+            None => {
+                self.own.accelerations();
+            }
+        }
+    }
+
+    /// Advances by `steps` steps of `dt` \[s\] under the robot's held input.
+    pub fn step(&mut self, dt: f64, steps: usize) {
+        match &mut self.held {
+            Some(held) => {
+                held.captured.hold_robot_input(self.own.input());
+                held.captured.step(dt, steps);
+                held.captured.show_robot(&mut self.own);
+            }
+            None => self.own.step(dt, steps),
+        }
+    }
+
+    /// Advances by one step of `dt` \[s\] under the input that `forcing` makes of the held one at every stage.
+    pub fn step_with(&mut self, dt: f64, forcing: &mut impl Forcing) {
+        match &mut self.held {
+            Some(held) => {
+                (held.captured).step_with(dt, self.own.input_mut(), forcing);
+                held.captured.show_robot(&mut self.own);
+            }
+            None => self.own.step_with(dt, forcing),
+        }
+    }
+}
+
+/// The frame at pose `X_BF` of the base called `name`.
+pub(super) fn frame_on_base(name: &str, X_BF: Pose) -> Frame {
+    Frame {
+        name: name.to_owned(),
+        body: 0,
+        parent: None,
+        X_BF,
+    }
+}

@@ -1,0 +1,204 @@
+//! Parameters of grasps: which frames of robot and targets latch, and when.
+
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+
+use super::numbers::not_negative;
+use crate::{
+    dynamics::capture::{JointReaction, Latch, ReleaseSpring},
+    nodes::{
+        choice,
+        geometry::unit_quaternion,
+        placement::{declare_vector, finite},
+    },
+    ros::Declare,
+};
+
+/// Parameters of a grasp.
+#[derive(Debug, Clone)]
+pub struct GraspParams {
+    /// Its name.
+    pub name: String,
+    /// Link of the robot whose frame grasps.
+    pub frame: String,
+    /// The target that is grasped.
+    pub target: String,
+    /// Pose of the grasp frame in the target's root link.
+    pub X_TG: Isometry3<f64>,
+    /// What it holds.
+    pub latch: Latch,
+    /// What the robot's joints do in the impulse.
+    pub joints: JointReaction,
+    /// When it latches \[s\]; `None` is on command.
+    pub at: Option<f64>,
+    /// Whether it latches as soon as the frames are close enough.
+    pub automatic: bool,
+    /// Largest distance of the frames at which it latches \[m\].
+    pub distance: f64,
+    /// Largest angle of the frames at which a weld latches \[rad\].
+    pub angle: f64,
+    /// When it opens \[s\]; `None` is on command.
+    pub release_at: Option<f64>,
+    /// What pushes the two apart when it opens.
+    pub spring: Option<ReleaseSpring>,
+}
+
+/// Declares `grasps` and the parameters of each, and reads them.
+///
+/// # Errors
+/// A line that names a parameter with its value, and what would be right.
+pub(super) fn declare_grasps(declare: &mut Declare) -> Result<Vec<GraspParams>, String> {
+    let names = declare
+        .param(
+            "grasps",
+            Vec::<String>::new(),
+            "Names of the grasps by which the robot can hold targets",
+        )
+        .read_only()
+        .value();
+    let mut once: Vec<String> = Vec::new();
+    let mut twice = None;
+    for name in names {
+        match once.contains(&name) {
+            true => twice = twice.or(Some(name)),
+            false => once.push(name),
+        }
+    }
+    // All are declared before the first error, so that no parameter is reported as unknown.
+    let all: Vec<_> = (once.into_iter())
+        .map(|name| GraspParams::declare(declare, name))
+        .collect();
+    match twice {
+        Some(name) => Err(format!(
+            "parameter grasps: '{name}' is given twice; grasps need different names"
+        )),
+        None => all.into_iter().collect(),
+    }
+}
+
+impl GraspParams {
+    fn declare(declare: &mut Declare, name: String) -> Result<Self, String> {
+        let key = |parameter: &str| format!("{name}.{parameter}");
+        let frame = declare
+            .required(&key("frame"), "Link of the robot whose frame grasps")
+            .read_only()
+            .value();
+        let target = declare
+            .required(&key("target"), "Target that is grasped, one of targets")
+            .read_only()
+            .value();
+        let position = declare_vector(
+            declare,
+            &key("target_position"),
+            "Position of the grasp frame in the target's root link [m]",
+        );
+        let orientation_key = key("target_orientation");
+        let orientation: Vec<f64> = declare
+            .param(
+                &orientation_key,
+                vec![0.0, 0.0, 0.0, 1.0],
+                "Attitude of the grasp frame in the target's root link (x, y, z, w)",
+            )
+            .read_only()
+            .check("4 finite numbers, norm 1", |v| finite(v, 4))
+            .value();
+        let latch = choice::declare(declare, &key("kind"), &Latch::NAMES, "What the grasp holds")
+            .read_only()
+            .value();
+        let joints = choice::declare(
+            declare,
+            &key("joints"),
+            &JointReaction::NAMES,
+            "What the robot's joints do when the grasp latches; locked joints stay locked while it holds",
+        )
+        .read_only()
+        .value();
+        let at = time(declare, &key("at"), "Time at which the grasp latches");
+        let automatic = declare
+            .param(
+                &key("automatic"),
+                false,
+                "Latch at the first state in which the frames are within distance and angle",
+            )
+            .read_only()
+            .value();
+        let distance = not_negative(
+            declare,
+            &key("distance"),
+            0.01,
+            "Largest distance of the two frames at which the grasp latches [m]",
+        );
+        let angle = not_negative(
+            declare,
+            &key("angle"),
+            0.05,
+            "Largest angle between the two frames at which a weld latches [rad]",
+        );
+        let release_at = time(declare, &key("release_at"), "Time at which the grasp opens");
+        let energy = not_negative(
+            declare,
+            &key("release_energy"),
+            0.0,
+            "Energy of the spring that pushes robot and target apart when the grasp opens [J]",
+        );
+        let direction = declare
+            .param(
+                &key("release_direction"),
+                [1.0, 0.0, 0.0],
+                "Direction in which the spring pushes the target, in the robot's grasp frame",
+            )
+            .read_only()
+            .check("3 finite numbers, not all zero", |v| {
+                finite(v, 3)?;
+                match v.iter().any(|x| x.abs() > 1e-9) {
+                    true => Ok(()),
+                    false => Err(format!("{v:?} has no direction")),
+                }
+            })
+            .value();
+        let rotation = match orientation.as_slice() {
+            &[x, y, z, w] => unit_quaternion(x, y, z, w)
+                .map_err(|e| format!("parameter {orientation_key}: {e}"))?,
+            // The declaration has reported a wrong length.
+            _ => UnitQuaternion::identity(),
+        };
+        let spring = match direction.as_slice() {
+            &[x, y, z] if energy > 0.0 => Some(ReleaseSpring {
+                direction: Vector3::new(x, y, z),
+                energy,
+            }),
+            _ => None,
+        };
+        Ok(Self {
+            frame,
+            target,
+            X_TG: Isometry3::from_parts(position.into(), rotation),
+            // The declaration has refused any other text.
+            latch: choice::find(&Latch::NAMES, &latch).unwrap_or_default(),
+            joints: choice::find(&JointReaction::NAMES, &joints).unwrap_or_default(),
+            at,
+            automatic,
+            distance,
+            angle,
+            release_at,
+            spring,
+            name,
+        })
+    }
+}
+
+/// A time, of which a negative one, the default, stands for none.
+fn time(declare: &mut Declare, name: &str, description: &str) -> Option<f64> {
+    let value: f64 = declare
+        .param(
+            name,
+            -1.0,
+            &format!("{description} [s]; negative is on command"),
+        )
+        .check("a finite number", |value: &f64| match value.is_finite() {
+            true => Ok(()),
+            false => Err(format!("{value} is not finite")),
+        })
+        .read_only()
+        .value();
+    (value >= 0.0).then_some(value)
+}

@@ -1,0 +1,492 @@
+//! Grasps of the world's targets by its robot.
+
+use super::super::{
+    divergence,
+    external_wrenches::ExternalChange,
+    free_body::FreeBody as _,
+    grasps::frame_on_base,
+    params::{DynamicsParams, GraspParams},
+    robot::Robot,
+    target::Target,
+};
+use super::World;
+use crate::{
+    dynamics::{
+        IntegrationMethod, JointPhysics, Momentum,
+        capture::{Grasp, JointReaction},
+    },
+    nodes::{geometry::with_matrix, tip_frame},
+};
+
+/// Most events that are kept.
+const MOST_EVENTS: usize = 10_000;
+
+/// Times within which an event is due \[s\].
+const ROUNDING: f64 = 1e-12;
+
+/// A grasp latched or opened, or could not latch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GraspEvent {
+    /// When \[s\].
+    pub time: f64,
+    /// What, as a line.
+    pub what: String,
+}
+
+/// The grasps of a world.
+pub(super) struct Grasps {
+    all: Vec<Grasping>,
+    method: IntegrationMethod,
+    joint_physics: JointPhysics,
+    events: Vec<GraspEvent>,
+    /// Why a grasp could not latch when it had to.
+    failure: Option<String>,
+    /// What held targets have changed of the robot.
+    from_targets: ExternalChange,
+}
+
+/// A grasp, and what of it is still to come.
+struct Grasping {
+    params: GraspParams,
+    grasp: Grasp,
+    /// Whether it holds.
+    is_closed: bool,
+    /// Whether it latches by itself; after it has opened, not before the frames have moved apart.
+    is_armed: bool,
+    latch_is_due: bool,
+    release_is_due: bool,
+}
+
+impl Grasping {
+    /// Open, with all before it that is not before `time`.
+    fn arm(&mut self, time: f64) {
+        let is_ahead = |at: Option<f64>| at.is_some_and(|at| at >= time - ROUNDING);
+        self.is_closed = false;
+        self.is_armed = self.params.automatic;
+        self.latch_is_due = is_ahead(self.params.at);
+        self.release_is_due = is_ahead(self.params.release_at);
+    }
+}
+
+impl Grasps {
+    /// The grasps that the parameters describe.
+    ///
+    /// # Errors
+    /// A line that names the parameter.
+    pub fn new(params: &DynamicsParams, robot: &Robot, targets: &[Target]) -> Result<Self, String> {
+        if !params.grasps.is_empty() {
+            if robot.flexible().is_some() {
+                return Err(
+                    "parameter grasps: a robot with appendages, elastic joints, wheels or thrusters cannot hold targets yet; \
+                     remove one of the two"
+                        .to_owned(),
+                );
+            }
+            if robot.loops().is_some() {
+                return Err(
+                    "parameter grasps: a robot with loop_closures cannot hold targets; remove one of the two"
+                        .to_owned(),
+                );
+            }
+        }
+        let all = params.grasps.iter().map(|grasp| {
+            let name = &grasp.name;
+            let robot_frame = tip_frame(robot.model(), &grasp.frame).or_else(|e| {
+                // A grasp may be on the base.
+                robot.model().frame(&grasp.frame).cloned().ok_or_else(|| {
+                    format!("parameter {name}.frame: {}", e.replacen("tip_link ", "", 1))
+                })
+            })?;
+            let target = targets.iter().find(|target| target.name == grasp.target);
+            let target = target.ok_or_else(|| {
+                let known: Vec<_> = targets.iter().map(|t| t.name.as_str()).collect();
+                format!(
+                    "parameter {name}.target: '{}' is none of the targets ({})",
+                    grasp.target,
+                    known.join(", ")
+                )
+            })?;
+            let base = &target.body.model().bodies()[0].name;
+            let mut grasping = Grasping {
+                grasp: Grasp {
+                    robot: robot_frame,
+                    target: frame_on_base(base, with_matrix(&grasp.X_TG)),
+                    latch: grasp.latch,
+                    joints: grasp.joints,
+                },
+                params: grasp.clone(),
+                is_closed: false,
+                is_armed: false,
+                latch_is_due: false,
+                release_is_due: false,
+            };
+            grasping.arm(0.0);
+            Ok::<_, String>(grasping)
+        });
+        Ok(Self {
+            all: all.collect::<Result<_, _>>()?,
+            method: params.method,
+            joint_physics: params.joint_physics,
+            events: Vec::new(),
+            failure: None,
+            from_targets: ExternalChange::default(),
+        })
+    }
+
+    /// The first time in `(time, end)` at which a grasp latches or opens, or `end` \[s\].
+    pub fn next_change(&self, time: f64, end: f64) -> f64 {
+        let latches = self.all.iter().filter(|g| g.latch_is_due);
+        let releases = self.all.iter().filter(|g| g.release_is_due);
+        let times = (latches.filter_map(|g| g.params.at))
+            .chain(releases.filter_map(|g| g.params.release_at));
+        let within = times.filter(|t| *t > time + ROUNDING);
+        within.fold(end, f64::min)
+    }
+
+    fn note(&mut self, time: f64, what: String) {
+        if self.events.len() < MOST_EVENTS {
+            self.events.push(GraspEvent { time, what });
+        }
+    }
+
+    /// All are open, and wait as at the start for what is not before `time` \[s\].
+    pub fn arm(&mut self, time: f64) {
+        for grasping in &mut self.all {
+            grasping.arm(time);
+        }
+        self.failure = None;
+    }
+
+    /// The same for a robot that is at its start again, of which nothing has been changed.
+    pub fn reset(&mut self, time: f64) {
+        self.arm(time);
+        self.from_targets = ExternalChange::default();
+    }
+
+    /// All are open; the next one waits for a command, or for its frames to come together again.
+    pub fn forget(&mut self) {
+        for grasping in &mut self.all {
+            if std::mem::take(&mut grasping.is_closed) {
+                grasping.is_armed = false;
+            }
+        }
+    }
+}
+
+/// Momentum and energy of the robot alone.
+struct Carried {
+    momentum_W: Momentum,
+    energy: f64,
+}
+
+impl Carried {
+    fn of(robot: &Robot) -> Self {
+        Self {
+            momentum_W: robot.state().momentum_W,
+            energy: robot.kinetic_energy(),
+        }
+    }
+}
+
+impl World {
+    /// Latches the first grasp whose frames are close enough. Returns a line on what happened.
+    ///
+    /// # Errors
+    /// A line on why none latches: how far the frames are apart, or what holds already.
+    pub fn attach(&mut self) -> Result<String, String> {
+        if self.grasps.all.is_empty() {
+            return Err(
+                "the robot has no grasps; the parameter grasps of the dynamics node lists them"
+                    .to_owned(),
+            );
+        }
+        let open = (0..self.grasps.all.len()).filter(|i| !self.grasps.all[*i].is_closed);
+        let open: Vec<usize> = open.collect();
+        if open.is_empty() {
+            return Err("all grasps are closed already; detach first".to_owned());
+        }
+        let mut reasons = Vec::new();
+        for i in open {
+            match self.latch(i, self.time()) {
+                Ok(done) => return Ok(done),
+                Err(reason) => reasons.push(reason),
+            }
+        }
+        Err(reasons.join("; "))
+    }
+
+    /// Opens all grasps. Returns a line on what happened.
+    ///
+    /// # Errors
+    /// A line if none is closed.
+    pub fn detach(&mut self) -> Result<String, String> {
+        let closed = self.grasps.all.iter().position(|g| g.is_closed);
+        let closed = closed.ok_or_else(|| "no grasp is closed".to_owned())?;
+        Ok(self.open(closed, self.time()))
+    }
+
+    /// Name of the target that the robot holds.
+    pub fn held_target(&self) -> Option<&str> {
+        match &self.robot {
+            Robot::Rigid(robot) => robot.held(),
+            Robot::Flexible(_) => None,
+        }
+    }
+
+    /// The targets that a grasp of the robot can hold.
+    pub fn graspable_targets(&self) -> impl Iterator<Item = &Target> {
+        let is_graspable = |target: &&Target| {
+            let mut grasps = self.grasps.all.iter();
+            grasps.any(|g| g.params.target == target.name)
+        };
+        self.targets.iter().filter(is_graspable)
+    }
+
+    /// What grasps have done so far, oldest first.
+    pub fn grasp_events(&self) -> &[GraspEvent] {
+        &self.grasps.events
+    }
+
+    /// Checks that no grasp that had to latch could not.
+    ///
+    /// # Errors
+    /// A line with the time, the grasp, and how far its frames were apart; once.
+    pub fn check_grasps(&mut self) -> Result<(), String> {
+        self.grasps.failure.take().map_or(Ok(()), Err)
+    }
+
+    /// What wrenches from outside, thrusters and held targets have changed of the robot since the start; `None` if
+    /// nothing has acted.
+    pub fn change_from_outside(&self) -> Option<ExternalChange> {
+        let by_targets = (!self.grasps.events.is_empty()).then_some(self.grasps.from_targets);
+        match (self.wrenches.change().copied(), by_targets) {
+            (Some(mut sum), Some(other)) => {
+                sum.momentum_W.linear += other.momentum_W.linear;
+                sum.momentum_W.angular += other.momentum_W.angular;
+                sum.work += other.work;
+                Some(sum)
+            }
+            (change, by_targets) => change.or(by_targets),
+        }
+    }
+
+    /// Opens all grasps without a spring, because the state is about to be replaced.
+    pub(super) fn drop_held(&mut self) {
+        if let Some(robot) = self.robot.rigid_mut() {
+            robot.let_go();
+        }
+        self.grasps.forget();
+    }
+
+    /// Opens all grasps if robot or target have diverged: each is restored by itself then.
+    pub(super) fn drop_diverged(&mut self) {
+        let Some(held) = self.held_target() else {
+            return;
+        };
+        let target = self.target_index(held).map(|i| &self.targets[i].body);
+        let is_lost = divergence::of(&self.robot).is_some()
+            || target.is_ok_and(|target| divergence::of(target).is_some());
+        if is_lost {
+            let what = format!("{held} is released, because the motion has diverged");
+            self.drop_held();
+            self.grasps.note(self.time(), what);
+        }
+    }
+
+    /// Saves the state of the target that the robot holds, to return to if the motion diverges.
+    pub(super) fn save_held_target(&mut self) {
+        let held = self.held_target().map(|held| self.target_index(held));
+        if let Some(Ok(index)) = held {
+            self.targets[index].save();
+        }
+    }
+
+    /// Latches and opens the grasps that are due at the present state.
+    pub(super) fn follow_grasps(&mut self, time: f64) {
+        for i in 0..self.grasps.all.len() {
+            let grasping = &mut self.grasps.all[i];
+            let is_due =
+                |due: bool, at: Option<f64>| due && at.is_some_and(|at| at <= time + ROUNDING);
+            if is_due(grasping.latch_is_due, grasping.params.at) {
+                grasping.latch_is_due = false;
+                if !grasping.is_closed
+                    && let Err(reason) = self.latch(i, time)
+                {
+                    let failure = format!("at {time:.3} s: {reason}");
+                    self.grasps.note(time, failure.clone());
+                    self.grasps.failure = Some(failure);
+                }
+            }
+            let grasping = &mut self.grasps.all[i];
+            if is_due(grasping.release_is_due, grasping.params.release_at) {
+                grasping.release_is_due = false;
+                if grasping.is_closed {
+                    self.open(i, time);
+                }
+            }
+            self.follow_automatic(i, time);
+        }
+    }
+
+    /// Latches a grasp that does so by itself, if its frames are close enough.
+    fn follow_automatic(&mut self, i: usize, time: f64) {
+        let grasping = &self.grasps.all[i];
+        if !grasping.params.automatic || grasping.is_closed {
+            return;
+        }
+        let is_near = self.check_apart(i).is_ok();
+        if is_near && grasping.is_armed {
+            // Another target may be held.
+            let _ = self.latch(i, time);
+        } else if !is_near {
+            self.grasps.all[i].is_armed = true;
+        }
+    }
+
+    /// Checks that the frames of grasp `i` are close enough; the target's index.
+    fn check_apart(&self, i: usize) -> Result<usize, String> {
+        let Grasping { params, grasp, .. } = &self.grasps.all[i];
+        let at = |e: String| format!("grasp '{}': {e}", params.name);
+        let index = self.target_index(&params.target).map_err(at)?;
+        let Some(robot) = self.robot.rigid() else {
+            return Err(at("the robot has flexible parts".to_owned()));
+        };
+        let target = &self.targets[index].body;
+        (grasp.check_separation(robot, target, params.distance, params.angle))
+            .map_err(|e| at(e.to_string()))?;
+        Ok(index)
+    }
+
+    /// Latches grasp `i` at `time` \[s\].
+    fn latch(&mut self, i: usize, time: f64) -> Result<String, String> {
+        let index = self.check_apart(i)?;
+        let held = self.held_target().map(str::to_owned);
+        let Grasping { params, grasp, .. } = &self.grasps.all[i];
+        let (name, target, grasp) = (params.name.clone(), params.target.clone(), grasp.clone());
+        let at = |e: String| format!("grasp '{name}': {e}");
+        match held {
+            Some(other) if other != target => {
+                return Err(at(format!(
+                    "the robot holds '{other}' already; detach it first"
+                )));
+            }
+            Some(_) if self.grasps.has_locked_joints(i) => {
+                return Err(at(
+                    "a second grasp needs joints that are not locked, in both grasps".to_owned(),
+                ));
+            }
+            _ => {}
+        }
+        let before = Carried::of(&self.robot);
+        let Self {
+            robot,
+            targets,
+            grasps,
+            ..
+        } = self;
+        let Some(rigid) = robot.rigid_mut() else {
+            return Err(at("the robot has flexible parts".to_owned()));
+        };
+        let body = &mut targets[index].body;
+        let lost = rigid
+            .grasp(
+                (&target, body),
+                &grasp,
+                grasps.method,
+                &grasps.joint_physics,
+            )
+            .map_err(|e| at(e.to_string()))?;
+        grasps.all[i].is_closed = true;
+        grasps.all[i].is_armed = false;
+        self.count_change_by_targets(&before, &ExternalChange::default());
+        let what = format!("grasp '{name}' holds {target}, {lost:.3e} J lost");
+        self.grasps.note(time, what.clone());
+        Ok(what)
+    }
+
+    /// Opens all grasps, of which `i` is closed, at `time` \[s\] with the spring of that one.
+    fn open(&mut self, i: usize, time: f64) -> String {
+        let params = &self.grasps.all[i].params;
+        let (target, spring) = (params.target.clone(), params.spring);
+        let before = Carried::of(&self.robot);
+        match (self.target_index(&target), self.robot.rigid_mut()) {
+            (Ok(index), Some(robot)) => {
+                robot.release(&mut self.targets[index].body, spring.as_ref());
+            }
+            (_, Some(robot)) => robot.let_go(),
+            (_, None) => {}
+        }
+        self.count_change_by_targets(&before, &ExternalChange::default());
+        self.grasps.forget();
+        let what = format!("{target} is released");
+        self.grasps.note(time, what.clone());
+        what
+    }
+
+    /// Before a step of the robot, if it holds something: what [`Self::finish_held_step`] needs.
+    pub(super) fn begin_held_step(&self) -> Option<HeldStep> {
+        self.held_target()?;
+        Some(HeldStep {
+            before: Carried::of(&self.robot),
+            known: self.known_change(),
+        })
+    }
+
+    /// After a step of the robot that holds something: its target moves with it.
+    pub(super) fn finish_held_step(&mut self, step: HeldStep) {
+        let (then, now) = (step.known, self.known_change());
+        let known = ExternalChange {
+            momentum_W: Momentum {
+                linear: now.momentum_W.linear - then.momentum_W.linear,
+                angular: now.momentum_W.angular - then.momentum_W.angular,
+            },
+            work: now.work - then.work,
+        };
+        self.count_change_by_targets(&step.before, &known);
+        self.show_held_target();
+    }
+
+    /// Gives the target that the robot holds the motion that it has in its grasp.
+    fn show_held_target(&mut self) {
+        let Some(held) = self.held_target() else {
+            return;
+        };
+        if let (Ok(index), Robot::Rigid(robot)) = (self.target_index(held), &self.robot) {
+            robot.show_target(&mut self.targets[index].body);
+        }
+    }
+
+    /// Momentum that wrenches from outside have changed so far, and the work of all that acts on robot and target.
+    fn known_change(&self) -> ExternalChange {
+        let momentum_W = (self.wrenches.change()).map_or_else(Momentum::default, |c| c.momentum_W);
+        let work = (self.robot.rigid_whole()).map_or(0.0, |whole| whole.state().work);
+        ExternalChange { momentum_W, work }
+    }
+
+    /// Counts how the robot has changed since `before`, less what is known to be done by others, as done by targets.
+    fn count_change_by_targets(&mut self, before: &Carried, known: &ExternalChange) {
+        let now = Carried::of(&self.robot);
+        let change = &mut self.grasps.from_targets;
+        let (then, of_others) = (&before.momentum_W, &known.momentum_W);
+        change.momentum_W.linear += now.momentum_W.linear - then.linear - of_others.linear;
+        change.momentum_W.angular += now.momentum_W.angular - then.angular - of_others.angular;
+        change.work += now.energy - before.energy - known.work;
+    }
+}
+
+impl Grasps {
+    /// Whether grasp `i` or a closed one locks the robot's joints.
+    fn has_locked_joints(&self, i: usize) -> bool {
+        let is_locked = |g: &Grasping| g.grasp.joints == JointReaction::Locked;
+        is_locked(&self.all[i]) || self.all.iter().any(|g| g.is_closed && is_locked(g))
+    }
+}
+
+/// See [`World::begin_held_step`].
+pub(super) struct HeldStep {
+    before: Carried,
+    known: ExternalChange,
+}
+
+#[cfg(test)]
+mod tests;
