@@ -46,10 +46,9 @@ struct RobotTopics {
     odometry: TopicId,
     targets: Vec<TargetTopics>,
     momentum: TopicId,
-    /// If the robot can grasp targets.
-    external_impulse: Option<TopicId>,
     appendages: Option<TopicId>,
     wheels: Option<TopicId>,
+    /// If something from outside can act on the robot, or if it can grasp targets.
     external_impulse: Option<TopicId>,
     imu: TopicId,
     tf: TopicId,
@@ -178,10 +177,6 @@ impl RobotTopics {
                 .map(|target| TargetTopics::new(&mut w, target))
                 .collect::<Result<_, _>>()?,
             momentum: w.add(&topics::MOMENTUM)?,
-            external_impulse: match run.world.graspable_targets().next() {
-                Some(_) => Some(w.add(&topics::EXTERNAL_IMPULSE)?),
-                None => None,
-            },
             appendages: match appendage_states(Time::ZERO, frames.base(), &run.world) {
                 Some(_) => Some(w.add(&topics::APPENDAGES)?),
                 None => None,
@@ -190,7 +185,9 @@ impl RobotTopics {
                 Some(_) => Some(w.add(&topics::WHEEL_STATES)?),
                 None => None,
             },
-            external_impulse: match run.world.is_acted_on() {
+            external_impulse: match run.world.is_acted_on()
+                || run.world.graspable_targets().next().is_some()
+            {
                 true => Some(w.add(&topics::EXTERNAL_IMPULSE)?),
                 false => None,
             },
@@ -285,9 +282,6 @@ impl SimulatedBag {
         }
         if let (Some(topic), Some(message)) = (t.wheels, wheel_states(stamp, base, world)) {
             w.write_message(topic, log, &message)?;
-        }
-        if let (Some(topic), Some(change)) = (t.external_impulse, world.external_change()) {
-            w.write_message(topic, log, &external_impulse(stamp, change))?;
         }
         w.write_message(t.imu, log, &imu(stamp, base, world))?;
         w.write_message(t.tf, log, &t.frames.transforms(stamp, world))

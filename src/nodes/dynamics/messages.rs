@@ -335,13 +335,6 @@ pub(super) fn external_impulse_message() -> fuyu_msgs::ExternalImpulse {
     }
 }
 
-/// What wrenches from outside and thrusters have changed.
-pub fn external_impulse(stamp: Time, change: &ExternalChange) -> fuyu_msgs::ExternalImpulse {
-    let mut message = external_impulse_message();
-    update_external_impulse(&mut message, stamp, change);
-    message
-}
-
 /// Updates a message of [`external_impulse_message`].
 pub(super) fn update_external_impulse(
     message: &mut fuyu_msgs::ExternalImpulse,

@@ -379,7 +379,8 @@ impl World {
         self.drive.twist_servo()
     }
 
-    /// What wrenches from outside and thrusters have changed since the start; `None` if none has acted.
+    /// What wrenches from outside and thrusters have changed of the robot and what it holds since the start, without what
+    /// its targets have; `None` if none has acted.
     pub fn external_change(&self) -> Option<&ExternalChange> {
         self.wrenches.change()
     }

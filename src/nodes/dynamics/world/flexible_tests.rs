@@ -112,7 +112,7 @@ fn what_thrusters_change_is_reported_as_coming_from_outside() {
     for _ in 0..30 {
         world.step_to_tick();
     }
-    let change = *world.external_change().unwrap();
+    let change = world.change_from_outside().unwrap();
     let momentum = world.robot.state().momentum_W;
     assert!((momentum.linear - change.momentum_W.linear).norm() < 1e-14);
     assert!((momentum.angular - change.momentum_W.angular).norm() < 1e-14);
@@ -146,7 +146,7 @@ fn a_wrench_changes_momentum_and_energy_by_what_is_reported() {
     for _ in 0..100 {
         world.step_to_tick();
     }
-    let change = *world.external_change().unwrap();
+    let change = world.change_from_outside().unwrap();
     let momentum = world.robot.state().momentum_W;
     assert!((momentum.linear - change.momentum_W.linear).norm() < 1e-12);
     assert!((momentum.angular - change.momentum_W.angular).norm() < 1e-12);
