@@ -35,7 +35,7 @@ const END: f64 = 5.0;
 /// Angular velocity at the start, base axes \[rad/s\].
 const SPIN: [f64; 3] = [0.02, -0.05, 0.03];
 /// Rounds of which the fastest counts.
-const ROUNDS: usize = 15;
+const ROUNDS: usize = 3;
 /// `ω h` of the fastest vibration.
 const LARGEST_ANGLE: f64 = 2.0;
 

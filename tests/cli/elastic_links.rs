@@ -79,18 +79,18 @@ fn an_arm_with_elastic_links_moves_as_in_the_independent_run() {
 }
 
 // A tip displacement w without slope stores 6 EI w^2 / L^3. Would break if the coordinates were scaled to unit mass, or
-// in another order: a slope of .02 rad stores more.
+// in another order: a slope of .002 rad stores more.
 #[test]
 fn a_bent_link_begins_with_its_strain_energy() {
     let text = with(
         &scenario(0, ""),
         "        clamped_modes: 0\n      link3",
-        "        clamped_modes: 0\n        initial_mu: [0.0, 0.0, 0.02, 0.0]\n      link3",
+        "        clamped_modes: 0\n        initial_mu: [0.0, 0.0, 0.002, 0.0]\n      link3",
     );
     let text = with(&text, "state_rate: 100.0", "state_rate: 1000.0");
     let options = ["--json", "--duration", "0.001"];
     let report = run("simulate", &text, SERVICER, &options).json();
-    let stored = 6.0 * 2e5 * 0.02_f64.powi(2) / 2.5_f64.powi(3);
+    let stored = 6.0 * 2e5 * 0.002_f64.powi(2) / 2.5_f64.powi(3);
     let number = |key: &str| report["final"][key].as_f64().unwrap();
     let (strain, kinetic) = (number("strain_energy"), number("kinetic_energy"));
     println!("{strain} + {kinetic} of {stored} J");
