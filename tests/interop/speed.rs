@@ -252,7 +252,7 @@ pub fn used(id: u32) -> f64 {
     ticks.sum::<f64>() / 100.0
 }
 
-// A third of this is usual. Fails when threads are woken for each message again.
+// Less than half of this is usual, also on a busy computer. Fails when the graph would leave little of a small one.
 #[test]
 fn the_default_graph_costs_little_processor_time() {
     let Some(namespace) = Namespace::new("cost") else {
