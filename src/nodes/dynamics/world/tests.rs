@@ -330,7 +330,7 @@ fn a_wrench_beyond_all_measure_ends_and_leaves_no_impulse_behind() {
         world.step_to_tick_or_restore().unwrap();
     }
     assert_eq!(world.wrenches_mut().clear(None), 0);
-    let change = world.wrenches().change().unwrap();
+    let change = world.external_change().unwrap();
     let momentum = world.robot.state().momentum_W;
     for (now, before, change) in [
         (momentum.linear, begin.linear, change.momentum_W.linear),
