@@ -317,8 +317,8 @@ fn invalid_contacts_are_refused() {
     assert_eq!(world.systems()[0].state().time, 0.0);
 }
 
-/// Pairs of all shapes that hit each other: momentum stays to 1e-12, and energy does not rise. Capsules on cylinders and
-/// meshes, whose forces would jump from face to face, are refused.
+/// Pairs of all shapes that hit each other: momentum stays to 1e-12, and energy does not rise. Capsules on cylinders
+/// and meshes, whose forces would jump from face to face, are refused.
 #[test]
 fn all_pairs_of_shapes_keep_momentum() {
     let cloud: Vec<Vector3<f64>> = (0..24)
