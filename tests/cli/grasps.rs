@@ -1,4 +1,5 @@
-//! Scenarios in which the robot grasps a target, against the independent computations of `crates/fuyu-physics/tests/capture/fixtures`.
+//! Scenarios in which the robot grasps a target, against the independent computations of
+//! `crates/fuyu-physics/tests/capture/fixtures`.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use serde_json::Value;
@@ -121,8 +122,8 @@ fn by_joint(values: &Value) -> Vec<f64> {
     names.collect()
 }
 
-/// A grasp at time zero: `final` of a run of no duration is the motion after the impulse. Fails if the latch acts after the
-/// state is shown, or if robot and target are shown in wrong axes.
+/// A grasp at time zero: `final` of a run of no duration is the motion after the impulse. Fails if the latch acts after
+/// the state is shown, or if robot and target are shown in wrong axes.
 #[test]
 fn a_grasp_at_the_start_gives_the_twists_after_the_impulse() {
     for case in cases(IMPULSES) {
@@ -150,8 +151,8 @@ fn a_grasp_at_the_start_gives_the_twists_after_the_impulse() {
     }
 }
 
-/// 20 s as one system, with the default drives, in pose and rate. Fails if the target is stepped by itself, or if the robot's
-/// joints do not act on the whole.
+/// 20 s as one system, with the default drives, in pose and rate. Fails if the target is stepped by itself, or if the
+/// robot's joints do not act on the whole.
 #[test]
 fn what_is_held_moves_as_one_system() {
     for case in cases(MOTIONS) {
@@ -185,8 +186,8 @@ fn what_is_held_moves_as_one_system() {
     }
 }
 
-/// A target that is released drifts away from the robot, with the spring's energy; momentum and energy of both are balanced,
-/// and the bag's physics holds.
+/// A target that is released drifts away from the robot, with the spring's energy; momentum and energy of both are
+/// balanced, and the bag's physics holds.
 #[test]
 fn a_released_target_takes_its_part_of_momentum() {
     let case = &cases(MOTIONS)[0];

@@ -9,8 +9,8 @@ use crate::{
     spatial::Pose,
 };
 
-/// A rigid robot. While it holds a target, the joined system of both is stepped; the robot itself has the motion that it
-/// has in the joined system, so that everything that looks at the robot need not know.
+/// A rigid robot. While it holds a target, the joined system of both is stepped; the robot itself has the motion that
+/// it has in the joined system, so that everything that looks at the robot need not know.
 pub struct RigidRobot {
     own: Floating,
     held: Option<Held>,

@@ -317,8 +317,8 @@ fn invalid_contacts_are_refused() {
     assert_eq!(world.systems()[0].state().time, 0.0);
 }
 
-/// Pairs of all shapes that hit each other: momentum stays to 1e-12. Energy does not rise where forces have a potential;
-/// those on polyhedra jump where edges take over from vertices or faces, but for spheres, whose distance is smooth.
+/// Pairs of all shapes that hit each other: momentum stays to 1e-12, and energy does not rise. Capsules on cylinders
+/// and meshes, whose forces would jump from face to face, are refused.
 #[test]
 fn all_pairs_of_shapes_keep_momentum() {
     let cloud: Vec<Vector3<f64>> = (0..24)
@@ -390,7 +390,16 @@ fn all_pairs_of_shapes_keep_momentum() {
             let mut world = ContactWorld::new(systems).with_tolerance(1e-9);
             let a = world.add_collider(0, 0, Pose::identity(), first.clone());
             let b = world.add_collider(1, 0, Pose::identity(), second.clone());
-            world.add_pair(a, b, law).unwrap();
+            let added = world.add_pair(a, b, law);
+            if matches!((i, j), (1, 3 | 4) | (3 | 4, 1)) {
+                let message = added.unwrap_err().to_string();
+                assert!(
+                    message.contains("give the other shape as a box"),
+                    "{message}"
+                );
+                continue;
+            }
+            added.unwrap();
             world.check_apart().unwrap();
             let total = |world: &ContactWorld| {
                 momentum(&[world.systems()[0].state(), world.systems()[1].state()])
@@ -406,10 +415,9 @@ fn all_pairs_of_shapes_keep_momentum() {
                     "{i} {j}"
                 );
                 let now = world.kinetic_energy() + world.stored_energy();
-                let has_jumps = (1..5).contains(&i) && (1..5).contains(&j) && (i, j) != (1, 1);
                 rise = rise.max(now - energy);
                 assert!(
-                    has_jumps || now <= energy + 1e-6,
+                    now <= energy + 1e-9,
                     "{i} {j}: energy rises by {:e}",
                     now - energy
                 );

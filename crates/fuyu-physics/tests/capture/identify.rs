@@ -68,7 +68,8 @@ fn gyro_and_encoders_alone_determine_the_inertia() {
             "{name}: {} {condition}",
             found.excitation.condition
         );
-        // The fixture's bound is for 201 samples of the same motion, of which these are every tenth: ends count for more.
+        // The fixture's bound is for 201 samples of the same motion, of which these are every tenth: ends count for
+        // more.
         let bound = &case["crlb"];
         let scale = (number(&bound["n"]) / case["samples"].as_array().unwrap().len() as f64).sqrt();
         let sds: Vec<f64> = (0..10)
@@ -92,8 +93,8 @@ fn gyro_and_encoders_alone_determine_the_inertia() {
     }
 }
 
-/// What the gyro measures if the grasp frame carries a body with these parameters: from the tree of both, whose recursions
-/// share nothing with the regressor.
+/// What the gyro measures if the grasp frame carries a body with these parameters: from the tree of both, whose
+/// recursions share nothing with the regressor.
 fn gyro(
     model: &Model,
     parameters: &SVector<f64, 10>,

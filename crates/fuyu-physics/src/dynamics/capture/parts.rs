@@ -131,9 +131,9 @@ impl Captured {
         RobotPart::write(&self.places, bodies, input, self.floating.input_mut());
     }
 
-    /// Advances by one step of `dt` \[s\] under the robot's input that `forcing` makes of `input` at every stage. It is given
-    /// attitude and joints of the robot, with centre of mass and momentum of the whole. Afterwards the input that it
-    /// gives for the new state is held, and in `input`.
+    /// Advances by one step of `dt` \[s\] under the robot's input that `forcing` makes of `input` at every stage. It is
+    /// given attitude and joints of the robot, with centre of mass and momentum of the whole. Afterwards the input that
+    /// it gives for the new state is held, and in `input`.
     ///
     /// # Panics
     /// If `input` is that of another robot.

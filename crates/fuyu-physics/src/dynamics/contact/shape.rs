@@ -71,6 +71,18 @@ pub enum Shape {
 }
 
 impl Shape {
+    /// Whether contact with `other` is not accepted: forces of a capsule on a polyhedron jump from face to face, which
+    /// few and wide faces do not show.
+    pub(super) fn is_unsafe_with(&self, other: &Self) -> bool {
+        let is_capsule = |shape: &Self| matches!(shape, Self::Capsule { .. });
+        let has_many_faces = |shape: &Self| match shape {
+            Self::Cylinder { .. } => true,
+            Self::Polyhedron(polyhedron) => polyhedron.faces().len() > 6,
+            _ => false,
+        };
+        (is_capsule(self) && has_many_faces(other)) || (is_capsule(other) && has_many_faces(self))
+    }
+
     /// A sphere of `radius` \[m\].
     ///
     /// # Errors

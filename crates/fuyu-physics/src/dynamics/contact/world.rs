@@ -181,6 +181,10 @@ impl ContactWorld {
             Some("they are on one body")
         } else if a.shape == Shape::HalfSpace && b.shape == Shape::HalfSpace {
             Some("both are half-spaces")
+        } else if a.shape.is_unsafe_with(&b.shape) {
+            Some(
+                "the energy of a capsule on a cylinder or mesh is not conserved yet; give the other shape as a box, or spheres instead of the capsule",
+            )
         } else if [a, b]
             .iter()
             .any(|c| !self.systems[c.system].loops().closures().is_empty())

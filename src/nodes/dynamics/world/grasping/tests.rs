@@ -42,8 +42,8 @@ fn momentum(world: &World) -> (nalgebra::Vector3<f64>, nalgebra::Vector3<f64>) {
     )
 }
 
-// Would break if a command latched frames that are apart, if momentum were lost in the impulse or while the robot is driven, or
-// if what is published as the targets' effect did not explain the robot's own momentum.
+// Would break if a command latched frames that are apart, if momentum were lost in the impulse or while the robot is
+// driven, or if what is published as the targets' effect did not explain the robot's own momentum.
 #[test]
 fn a_command_latches_and_releases() {
     let mut world = World::new(&params("")).unwrap();
