@@ -75,8 +75,9 @@ const LAYERS: [(&str, &[Layer]); 5] = [
             ("truss", &["error"]),
             ("appendage", &["error", "eigen", "matrices"]),
             ("nodal", &["error"]),
-            ("line", &["appendage", "quadrature"]),
-            ("strip", &["error", "appendage", "line"]),
+            ("outline", &["appendage"]),
+            ("line", &["appendage", "quadrature", "outline"]),
+            ("strip", &["error", "appendage", "line", "outline"]),
             ("link", &["error", "matrices", "strip"]),
             ("uniform", &["error", "eigen", "matrices"]),
             (

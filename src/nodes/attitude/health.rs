@@ -1,5 +1,7 @@
 //! What the attitude node reports in `diagnostics` about each step.
 
+use std::time::{Duration, Instant};
+
 use crate::{
     control::{
         InputStatus,
@@ -7,6 +9,29 @@ use crate::{
     },
     ros::{Node, Status},
 };
+
+/// How long diagnostics report a refused message.
+const REFUSAL_SHOWN: Duration = Duration::from_secs(5);
+
+/// The last refused message. It is reported for some seconds, whatever else is to report about the same part.
+#[derive(Debug, Default)]
+pub(super) struct Refusals(Option<(Instant, String)>);
+
+impl Refusals {
+    /// A message has been refused for this reason.
+    pub(super) fn note(&mut self, reason: String) {
+        self.0 = Some((Instant::now(), reason));
+    }
+
+    /// Reports the last refusal, if it is recent.
+    pub(super) fn report(&self, status: &Status) {
+        if let Some((at, reason)) = &self.0
+            && at.elapsed() < REFUSAL_SHOWN
+        {
+            status.warn(reason.as_str());
+        }
+    }
+}
 
 /// The parts `control`, `law`, `star tracker` and `wheels`.
 pub(super) struct Health {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::AttitudeLoop;
+use super::{AttitudeLoop, health::Refusals};
 use crate::{
     control::{Stamp, attitude::StarTrackerUse},
     dynamics::flexible::FlexibleSystem,
@@ -15,7 +15,7 @@ use crate::{
         geometry::{unit_quaternion, vector_from_msg},
         joint_vectors, topics,
     },
-    ros::{Node, NodeError, Status, Subscription, Time},
+    ros::{Node, NodeError, Subscription, Time},
 };
 
 pub(super) struct Inputs {
@@ -67,10 +67,10 @@ impl Inputs {
         })
     }
 
-    /// Passes everything that has arrived to the loop. What it refuses is reported in `status`.
-    pub(super) fn feed(&mut self, attitude: &mut AttitudeLoop, status: &Status) {
+    /// Passes everything that has arrived to the loop. What it refuses is noted.
+    pub(super) fn feed(&mut self, attitude: &mut AttitudeLoop, refusals: &mut Refusals) {
         let Self { newest, .. } = self;
-        each(&self.joint_states, status, |message| {
+        each(&self.joint_states, refusals, |message| {
             let model = attitude.system().model();
             let q = joint_vectors::positions(model, message)?;
             let qd = joint_vectors::velocities(model, message)?;
@@ -80,14 +80,14 @@ impl Inputs {
             newest.first.get_or_insert(stamp);
             Ok(())
         });
-        each(&self.imu, status, |message| {
+        each(&self.imu, refusals, |message| {
             let stamp = stamp(&message.header.stamp);
             let added = attitude.add_gyro(stamp, vector_from_msg(&message.angular_velocity));
             added.map_err(|e| e.to_string())?;
             newest.gyro = Some(stamp);
             Ok(())
         });
-        each(&self.star_tracker, status, |message| {
+        each(&self.star_tracker, refusals, |message| {
             let q = &message.quaternion;
             let R_WB = unit_quaternion(q.x, q.y, q.z, q.w)?;
             let added = attitude.add_star_tracker(stamp(&message.header.stamp), &R_WB);
@@ -98,7 +98,7 @@ impl Inputs {
                 _ => Ok(()),
             }
         });
-        each(&self.wheel_states, status, |message| {
+        each(&self.wheel_states, refusals, |message| {
             let speeds = wheel_speeds(attitude.system(), message)?;
             let stamp = stamp(&message.header.stamp);
             let added = attitude.add_wheel_speeds(stamp, &speeds);
@@ -106,7 +106,7 @@ impl Inputs {
             newest.wheels = Some(stamp);
             Ok(())
         });
-        each(&self.target, status, |message| {
+        each(&self.target, refusals, |message| {
             let q = &message.quaternion;
             let R_WD = unit_quaternion(q.x, q.y, q.z, q.w)?;
             let set = attitude.set_target(stamp(&message.header.stamp), R_WD);
@@ -136,12 +136,12 @@ fn stamp(stamp: &builtin_interfaces::Time) -> Stamp {
 /// Calls `add` for every message that has arrived; what it refuses is reported.
 fn each<M: crate::msg::Interface>(
     topic: &Subscription<M>,
-    status: &Status,
+    refusals: &mut Refusals,
     mut add: impl FnMut(&M) -> Result<(), String>,
 ) {
     while let Some(received) = topic.take() {
         if let Err(problem) = add(&received.message) {
-            status.warn(format!("{}: {problem}; it is ignored", topic.topic()));
+            refusals.note(format!("{}: {problem}; it is ignored", topic.topic()));
         }
     }
 }

@@ -22,14 +22,14 @@ use std::time::Duration;
 
 use super::{robot_description::RobotDescription, topics};
 use crate::{
-    control::Stamp,
+    control::{Stamp, attitude::AttitudeMode},
     msg::{
         fuyu_msgs::{AttitudeState, ThrusterCommands},
         sensor_msgs::JointState,
     },
     ros::{Lifecycle, Node, NodeError, Publisher, Transition},
 };
-use health::Health;
+use health::{Health, Refusals};
 use inputs::Inputs;
 use law_monitor::LawMonitor;
 
@@ -94,9 +94,12 @@ struct Work {
     thrusters: Publisher<ThrusterCommands>,
     state: Publisher<AttitudeState>,
     health: Health,
+    refusals: Refusals,
     law: LawMonitor,
     /// Whether commands are given.
     is_active: bool,
+    /// Whether the last step gave no torque, which matters more than a refused message.
+    is_torque_zero: bool,
     /// `None` before the robot is known.
     attitude: Option<(AttitudeLoop, AttitudeMessages)>,
     /// The state that was answered last.
@@ -108,8 +111,10 @@ impl Work {
         Ok(Self {
             description: RobotDescription::new(node, String::new())?,
             health: Health::new(node),
+            refusals: Refusals::default(),
             law: LawMonitor::default(),
             is_active: false,
+            is_torque_zero: false,
             inputs: Inputs::new(node)?,
             wheels: topics::WHEEL_COMMANDS.advertise(node)?,
             thrusters: topics::THRUSTER_COMMANDS.advertise(node)?,
@@ -137,10 +142,11 @@ impl Work {
         let Some((attitude, messages)) = &mut self.attitude else {
             return Ok(());
         };
-        self.inputs.feed(attitude, &self.health.control);
+        self.inputs.feed(attitude, &mut self.refusals);
         self.law.follow(params.law, attitude, &self.health.law);
         if !self.is_active {
             (self.health.control).warn("the node is not active: no commands are given");
+            self.refusals.report(&self.health.control);
             return Ok(());
         }
         let timeout = (!params.lockstep).then_some(params.controller.timeout);
@@ -151,6 +157,7 @@ impl Work {
             let report = attitude.step(now);
             if let Some(report) = &report {
                 self.health.report(report);
+                self.is_torque_zero = report.mode == AttitudeMode::ZeroTorque;
                 messages.write_report(attitude, report);
                 self.state.publish(&messages.state);
             }
@@ -166,6 +173,9 @@ impl Work {
             self.health.control.warn(format!(
                 "{imu} and {joints} have been silent for {seconds:.0} s: no commands are given"
             ));
+        }
+        if !self.is_torque_zero {
+            self.refusals.report(&self.health.control);
         }
         Ok(())
     }

@@ -81,7 +81,7 @@ impl<'a> Simulation<'a> {
             },
             actuator_inputs: ActuatorInputs::new(node, params, &world)?,
             outputs: Outputs::new(node, &world, params, !shared_time.is_follower())?,
-            services: Services::new(node, &params.resource_folders)?,
+            services: Services::new(node, &params.resource_folders, !params.grasps.is_empty())?,
             steps: StepRequests::new(node)?,
             shared_time,
             clock,

@@ -46,8 +46,8 @@ pub struct Services {
     spawn: Calls<SpawnEntity>,
     spawn_all: Calls<SpawnEntities>,
     delete: Calls<DeleteEntity>,
-    attach: Calls<Trigger>,
-    detach: Calls<Trigger>,
+    /// `~/attach` and `~/detach`, if the scenario has grasps.
+    grasping: Option<[Calls<Trigger>; 2]>,
     /// Whether the node is to stop once the present call is answered.
     quit_requested: bool,
     /// Services that do not depend on the simulation.
@@ -55,11 +55,15 @@ pub struct Services {
 }
 
 impl Services {
-    /// Offers the services. Peers may name files in `resource_folders` only.
+    /// Offers the services, those of grasps if `can_grasp`. Peers may name files in `resource_folders` only.
     ///
     /// # Errors
     /// When DDS refuses.
-    pub fn new(node: &Node, resource_folders: &AllowedFolders) -> Result<Self, NodeError> {
+    pub fn new(
+        node: &Node,
+        resource_folders: &AllowedFolders,
+        can_grasp: bool,
+    ) -> Result<Self, NodeError> {
         let resource_folders = resource_folders.clone();
         Ok(Self {
             get_state: node.serve_calls("~/get_simulation_state")?,
@@ -73,8 +77,10 @@ impl Services {
             spawn: node.serve_calls("~/spawn_entity")?,
             spawn_all: node.serve_calls("~/spawn_entities")?,
             delete: node.serve_calls("~/delete_entity")?,
-            attach: node.serve_calls("~/attach")?,
-            detach: node.serve_calls("~/detach")?,
+            grasping: match can_grasp {
+                true => Some([node.serve_calls("~/attach")?, node.serve_calls("~/detach")?]),
+                false => None,
+            },
             quit_requested: false,
             _stateless: [
                 node.serve::<GetSimulatorFeatures>("~/get_simulator_features", |_| {
@@ -116,8 +122,16 @@ pub fn answer_calls(simulation: &mut Simulation) {
     answer(s, |c| &c.spawn, spawn::spawn_one);
     answer(s, |c| &c.spawn_all, |s, r| spawn::spawn_all(s, &r));
     answer(s, |c| &c.delete, |s, r| spawn::delete(s, &r));
-    answer(s, |c| &c.attach, |s, _| grasping::attach(s));
-    answer(s, |c| &c.detach, |s, _| grasping::detach(s));
+    answer_if_offered(
+        s,
+        |c| c.grasping.as_ref().map(|[attach, _]| attach),
+        |s, _| grasping::attach(s),
+    );
+    answer_if_offered(
+        s,
+        |c| c.grasping.as_ref().map(|[_, detach]| detach),
+        |s, _| grasping::detach(s),
+    );
     if s.services.quit_requested {
         s.node.request_stop();
     }
@@ -129,7 +143,16 @@ fn answer<S: Service>(
     calls: impl Fn(&Services) -> &Calls<S>,
     handler: impl Fn(&mut Simulation, S::Request) -> S::Response,
 ) {
-    while let Some(call) = calls(&simulation.services).take() {
+    answer_if_offered(simulation, |services| Some(calls(services)), handler);
+}
+
+/// The same for a service that may not be offered.
+fn answer_if_offered<S: Service>(
+    simulation: &mut Simulation,
+    calls: impl Fn(&Services) -> Option<&Calls<S>>,
+    handler: impl Fn(&mut Simulation, S::Request) -> S::Response,
+) {
+    while let Some(call) = calls(&simulation.services).and_then(Calls::take) {
         let response = handler(simulation, call.request);
         if simulation.outputs.is_outdated() {
             simulation.commands.expect_response_again();

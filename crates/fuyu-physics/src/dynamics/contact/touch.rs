@@ -2,12 +2,12 @@
 //!
 //! Every pair of shapes has a fixed number of possible points, so that a point keeps its number while it touches.
 //! The simple pairs are closed forms. Polyhedra touch with the vertices of either in the other, and with the pair
-//! of edges that is deepest; a capsule touches a polyhedron with the two ends of the part of its axis that is over
+//! of edges that is deepest, if no face is less deep; a capsule touches a polyhedron with the two ends of the part of its axis that is over
 //! a face.
 
 use nalgebra::{Point3, Vector3};
 
-use super::polyhedron::Polyhedron;
+use super::polyhedron::{Face, Polyhedron};
 use super::shape::Shape;
 use crate::spatial::Pose;
 
@@ -167,17 +167,18 @@ fn vertices_in_polyhedron(
     }
 }
 
-/// The deepest pair of edges of which each passes through the other polyhedron.
+/// The deepest pair of edges of which each passes through the other polyhedron, if these are less deep than any face: where
+/// a face of one is the way out, vertices carry the contact.
 fn edges_across((a, X_WA): (&Polyhedron, &Pose), (b, X_WB): (&Polyhedron, &Pose)) -> Touch {
     let X_BA = X_WB.inverse() * X_WA;
     let X_AB = X_BA.inverse();
+    let least = depth_of_faces(b, a, &X_BA).min(depth_of_faces(a, b, &X_AB)) * (1.0 - 1e-9);
     let mut best = Touch::NONE;
     best.gap = 0.0;
     for edge in a.edges() {
         let ends = edge.map(|i| (X_BA * Point3::from(a.vertices()[i])).coords);
         // An edge beyond one face does not pass through.
-        let is_beyond =
-            |face: &super::polyhedron::Face| ends.iter().all(|p| face.normal.dot(p) > face.offset);
+        let is_beyond = |face: &Face| ends.iter().all(|p| face.normal.dot(p) > face.offset);
         if b.faces().iter().any(is_beyond) {
             continue;
         }
@@ -186,6 +187,7 @@ fn edges_across((a, X_WA): (&Polyhedron, &Pose), (b, X_WB): (&Polyhedron, &Pose)
             let [p, q] = closest_points(&ends, &others);
             let depth = (p - q).norm();
             if depth <= -best.gap
+                || depth >= least
                 || b.above(&p).0 > 0.0
                 || a.above(&(X_AB * Point3::from(q)).coords).0 > 0.0
             {
@@ -199,6 +201,17 @@ fn edges_across((a, X_WA): (&Polyhedron, &Pose), (b, X_WB): (&Polyhedron, &Pose)
         best.gap = f64::INFINITY;
     }
     best
+}
+
+/// How deep `other`, at `X_AO`, is behind the face of `a` that it is least behind; negative if it is in front of one.
+fn depth_of_faces(a: &Polyhedron, other: &Polyhedron, X_AO: &Pose) -> f64 {
+    let depth = |face: &Face| {
+        let normal_O = X_AO.rotation.inverse() * face.normal;
+        let heights = other.vertices().iter().map(|v| normal_O.dot(v));
+        let lowest = heights.fold(f64::INFINITY, f64::min);
+        face.offset - lowest - face.normal.dot(&X_AO.translation.vector)
+    };
+    a.faces().iter().map(depth).fold(f64::INFINITY, f64::min)
 }
 
 /// The part of a capsule's axis that is over the face from which it is furthest, or else the edge that is closest
@@ -354,7 +367,8 @@ mod tests {
             (
                 (&block, at(0.3, 0.1, 0.17)),
                 (&block, at(0.0, 0.0, 0.0)),
-                4,
+                // A vertex of each.
+                2,
                 0.03,
             ),
             (
