@@ -196,7 +196,10 @@ impl Polyhedron {
             let t = ((point - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
             let offset = point - (a + along * t);
             let distance = offset.norm();
-            if distance < best.0 && distance > 0.0 {
+            if distance == 0.0 {
+                return (0.0, self.above(point).1);
+            }
+            if distance < best.0 {
                 best = (distance, offset / distance);
             }
         }
