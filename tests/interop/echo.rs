@@ -24,6 +24,7 @@ macro_rules! for_every_type {
     ($do:ident) => {
         $do!(
             diagnostic_msgs::DiagnosticArray,
+            fuyu_msgs::AppendageOutlines,
             fuyu_msgs::AppendageStates,
             fuyu_msgs::AttitudeState,
             fuyu_msgs::ControllerState,

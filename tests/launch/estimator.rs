@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 
 use crate::{
     lateness::repeat_if_late,
-    process::{GENTLE, Running, fuyu, read, scenario},
+    process::{GENTLE, Running, fuyu, read, source},
     waiting::PATIENCE,
 };
 
@@ -31,18 +31,10 @@ fn poses(odometry: Vec<nav_msgs::Odometry>) -> BTreeMap<i64, Pose> {
 fn the_target_is_where_the_estimator_said_it_would_be() {
     repeat_if_late(|| {
         let domain = 90;
-        // Twice as fast as real time: the estimator has half the time to solve.
-        let (_folder, config) = scenario(
-            "config/servicing.yaml",
-            &[(
-                "state_rate: 100.0",
-                "state_rate: 50.0\n    real_time_factor: 2.0",
-            )],
-        );
-        // Sampled at 50 Hz, the scenario's gains would be unstable.
+        let config = source("config/servicing.yaml");
         let args = [&["--duration", "60"], &GENTLE[..]].concat();
         let mut launch = Running::launch(domain, &config, &args);
-        launch.wait(6 * PATIENCE).well();
+        launch.wait(8 * PATIENCE).well();
         let bag = launch.bag();
         let description = read::<std_msgs::String>(&bag, "/robot_description");
         let model = Model::from_urdf(&description[0].data, "robot_description").unwrap();

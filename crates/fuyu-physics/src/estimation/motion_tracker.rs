@@ -76,7 +76,7 @@ pub struct MotionTracker {
 pub enum TrackLoss {
     /// The motion was confirmed by frames, and has changed since this time \[s\].
     MotionChanged(f64),
-    /// The motion was never confirmed: the batch solution is wrong.
+    /// The motion was never confirmed, or not for as long: the batch solution is wrong, or too short for its prediction.
     Unconfirmed,
 }
 
@@ -174,11 +174,19 @@ impl MotionTracker {
             self.misfits.since = frame.time;
         }
         self.misfits.count += 1;
-        let loss = match self.fits >= FITS_FOR_CONFIRMATION {
+        let is_confirmed = self.fits >= FITS_FOR_CONFIRMATION && !self.is_beyond_prediction();
+        let loss = match is_confirmed {
             true => TrackLoss::MotionChanged(self.misfits.since),
             false => TrackLoss::Unconfirmed,
         };
         (self.misfits.count >= MISFITS_FOR_LOSS).then_some(loss)
+    }
+
+    /// Whether the misfits began later after the batch than it is long. So long a prediction fails without a change of the
+    /// motion, when a slow computer has not solved the next batch yet.
+    fn is_beyond_prediction(&self) -> bool {
+        let (first, last) = self.batch.span;
+        self.misfits.since - last > last - first
     }
 
     /// The motion, in inertial axes.
@@ -340,6 +348,19 @@ mod tests {
         assert_eq!(
             detect_jump(&mut renewed),
             Some((9, TrackLoss::MotionChanged(15.0)))
+        );
+    }
+
+    // A batch of 2 s predicts for 2 s. Fails if a later misfit ended the window of frames.
+    #[test]
+    fn a_short_batch_is_no_evidence_of_a_change_long_after_it() {
+        let later = frames(20..150);
+        let mut short = tracker_from(frames(0..20), &later[..70]);
+        short.fits = FITS_FOR_CONFIRMATION;
+        short.misfits = Misfits::default();
+        assert_eq!(
+            detect_jump(&mut short).map(|(_, loss)| loss),
+            Some(TrackLoss::Unconfirmed)
         );
     }
 
