@@ -14,6 +14,7 @@ use crate::msg::nav_msgs::Odometry;
 use crate::msg::sensor_msgs::JointState;
 use crate::msg::std_msgs;
 use crate::msg::tf2_msgs::TFMessage;
+use crate::nodes::controller::measured_errors;
 use crate::spatial::Twist;
 
 /// Runs of a bag by namespace, one robot each. The empty namespace is the usual one. A robot has several runs if the
@@ -310,11 +311,13 @@ const TOPICS: &[(&str, &str, Take)] = &[
         "/controller/state",
         "fuyu_msgs/msg/ControllerState",
         |run, m| {
-            if let Ok(state) = m.decode::<ControllerState>() {
+            if let Ok(state) = m.decode::<ControllerState>()
+                && let Some((position_error, attitude_error)) = measured_errors(&state)
+            {
                 run.controller.push(ControllerSample {
                     time: state.header.stamp.nanos(),
-                    position_error: state.position_error_norm,
-                    attitude_error: state.attitude_error_angle,
+                    position_error,
+                    attitude_error,
                     k_p: state.k_p,
                     k_o: state.k_o,
                 });

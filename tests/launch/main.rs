@@ -30,6 +30,7 @@ mod faults;
 mod filter;
 mod flexible;
 mod free_motion;
+mod grasping;
 mod joining;
 mod large_commands;
 mod lifecycle;

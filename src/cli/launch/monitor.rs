@@ -11,7 +11,7 @@ use std::{
 
 use crate::{
     msg::{fuyu_msgs::ControllerState, rosgraph_msgs::Clock},
-    nodes::topics,
+    nodes::{controller::measured_errors, topics},
     ros::{Node, NodeError, Qos, Subscription, Time},
 };
 
@@ -105,11 +105,11 @@ pub fn program(
         }
         for (namespace, state) in &states {
             if let Some(received) = state.latest() {
-                let message = received.message;
-                let errors = (message.position_error_norm, message.attitude_error_angle);
-                progress.see(|seen| {
-                    seen.errors.insert((*namespace).clone(), errors);
-                });
+                if let Some(errors) = measured_errors(&received.message) {
+                    progress.see(|seen| {
+                        seen.errors.insert((*namespace).clone(), errors);
+                    });
+                }
             }
         }
         if let Some(received) = clock.latest() {

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use crate::{
     experiments::{CheckLimits, Fleet},
     nodes::scenario::Scenario,
-    ros::Node,
+    ros::{Node, NodeName},
 };
 
 /// Errors of tips \[m, rad\] by the namespace of the robot.
@@ -70,18 +70,18 @@ impl Overload {
     }
 }
 
-/// Why the final errors of the tip \[m, rad\] are not those of the scenario, if they are beyond the limits of `fuyu bag check`
-/// and those that `reference` ends with by as much; `attitude_matters` says whether the law controls the attitude.
+/// Why the final errors of the tip \[m, rad\] are not those of the scenario, if they differ from those that `reference` ends
+/// with by more than the limits of `fuyu bag check`; `attitude_matters` says whether the law controls the attitude.
 fn deviation(errors: (f64, f64), reference: (f64, f64), attitude_matters: bool) -> Option<String> {
     let limits = CheckLimits::default();
-    if errors.0 > reference.0 + limits.position {
+    if (errors.0 - reference.0).abs() > limits.position {
         return Some(format!(
             "the tip ended {:.1} mm from its goal instead of {:.1} mm",
             1e3 * errors.0,
             1e3 * reference.0
         ));
     }
-    (attitude_matters && errors.1 > reference.1 + limits.attitude).then(|| {
+    (attitude_matters && (errors.1 - reference.1).abs() > limits.attitude).then(|| {
         format!(
             "the tip ended {:.2} deg from its goal instead of {:.2} deg",
             errors.1.to_degrees(),
@@ -95,10 +95,17 @@ fn deviation(errors: (f64, f64), reference: (f64, f64), attitude_matters: bool) 
 pub fn missed(scenario: &Scenario, errors: &TipErrors, end: f64) -> Option<String> {
     // Without a reference the tips have to arrive.
     let references = references(scenario, end).unwrap_or_default();
-    errors.iter().find_map(|(namespace, errors)| {
+    let controllers = scenario.nodes().iter().filter(|n| n.name() == "controller");
+    controllers.map(NodeName::namespace).find_map(|namespace| {
         let controller = scenario.of_robot(namespace).controller().ok()?;
-        let reference = references.get(namespace).copied().unwrap_or_default();
-        let missed = deviation(*errors, reference, controller.config.gains.k_o > 0.0)?;
+        let missed = match (errors.get(namespace), references.get(namespace)) {
+            (None, None) => return None,
+            (None, Some(_)) => "the controller has measured no tip".to_owned(),
+            (Some(errors), reference) => {
+                let reference = reference.copied().unwrap_or_default();
+                deviation(*errors, reference, controller.config.gains.k_o > 0.0)?
+            }
+        };
         Some(match scenario.robots().as_slice() {
             [] | [_] => missed,
             _ => format!("{namespace}: {missed}"),
@@ -154,6 +161,12 @@ mod tests {
         let missed = |position, attitude| deviation((position, attitude), (1e-3, 0.01), true);
         assert!(missed(0.078, 0.0).unwrap().contains("78.0 mm"));
         assert_eq!(missed(1.1e-3, 0.011), None);
+        // Nearer than the scenario's result is not that result, either.
+        let near = deviation((0.873, 0.086), (0.889, 0.057), true);
+        assert!(
+            near.unwrap()
+                .contains("873.0 mm from its goal instead of 889.0 mm")
+        );
         assert!(missed(0.0, 0.1).unwrap().contains("5.73 deg"));
         assert_eq!(deviation((0.0, 0.1), (0.0, 0.0), false), None);
         // A run that was too short for the scenario is as far as the reference.

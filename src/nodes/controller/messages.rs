@@ -13,6 +13,13 @@ use crate::{
 /// Age that is published when nothing has been measured yet \[s\].
 const NEVER: f64 = 1e9;
 
+/// Position and attitude error of the tip \[m, rad\] in a message of the controller; `None` if nothing had been measured, which
+/// the message shows by zeros.
+pub fn measured_errors(state: &ControllerState) -> Option<(f64, f64)> {
+    let errors = (state.position_error_norm, state.attitude_error_angle);
+    (errors != (0.0, 0.0)).then_some(errors)
+}
+
 /// The two messages of a controller. They are kept from step to step, so that joint names are copied only once.
 #[derive(Debug, Clone)]
 pub struct ControllerMessages {

@@ -8,7 +8,7 @@ mod inputs;
 mod messages;
 mod params;
 
-pub use messages::ControllerMessages;
+pub use messages::{ControllerMessages, measured_errors};
 pub use params::ControllerParams;
 
 use std::time::Duration;
