@@ -104,12 +104,12 @@ pub fn program(
             }
         }
         for (namespace, state) in &states {
-            if let Some(received) = state.latest() {
-                if let Some(errors) = measured_errors(&received.message) {
-                    progress.see(|seen| {
-                        seen.errors.insert((*namespace).clone(), errors);
-                    });
-                }
+            if let Some(received) = state.latest()
+                && let Some(errors) = measured_errors(&received.message)
+            {
+                progress.see(|seen| {
+                    seen.errors.insert((*namespace).clone(), errors);
+                });
             }
         }
         if let Some(received) = clock.latest() {
