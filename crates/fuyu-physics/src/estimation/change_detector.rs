@@ -15,12 +15,12 @@ const ALLOWANCE: f64 = 1.0;
 const SUM_LIMIT: f64 = 25.0;
 
 /// Weight of a frame in the mean, and the square of the mean over its variance at which the motion has changed. A
-/// chi-squared variable of three degrees of freedom exceeds it with a probability of 1e-9.
+/// chi-squared variable of three degrees of freedom exceeds it with a probability of 1e-7.
 const WEIGHT: f64 = 0.08;
-const MEAN_LIMIT: f64 = 45.0;
+const MEAN_LIMIT: f64 = 36.0;
 
 /// Weight of a frame in the levels.
-const LEVEL_WEIGHT: f64 = 0.01;
+const LEVEL_WEIGHT: f64 = 0.002;
 
 /// An innovation counts in the levels with at most this many times the level.
 const CLIP: f64 = 4.0;
@@ -158,7 +158,7 @@ mod tests {
             (1..20).find(|k| fresh.add(6.0 + 0.1 * f64::from(*k), &jump).is_some())
         };
         assert!(
-            frames.is_some() && frames <= own.map(|k| k + 1),
+            frames.is_some() && frames <= own.map(|k| k + 2),
             "{frames:?} {own:?}"
         );
     }
