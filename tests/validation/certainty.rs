@@ -49,10 +49,10 @@ fn nees(seed: u64, estimate_focal_length: bool) -> Result<f64, EstimateError> {
         fy: view.camera.fy * (1.0 + focal),
         ..view.camera
     };
-    let mut options = Options::default();
-    if !estimate_focal_length {
-        options.widths.focal = 0.0;
-    }
+    let options = match estimate_focal_length {
+        true => Options::default(),
+        false => Options::undisturbed(),
+    };
     let solution = estimate(&tracks, &camera, &options)?;
     let times = [view.duration, 1.25 * view.duration];
     let truth = motion.attitudes(&times);

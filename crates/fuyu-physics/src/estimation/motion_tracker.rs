@@ -164,12 +164,13 @@ impl MotionTracker {
             return None;
         }
         let update = filter.update(frame, R_IC);
-        if let Some(motion) = filter.estimate() {
-            self.motion = motion;
-        }
         self.last = Some(update);
+        // A frame that corrects nothing leaves the motion as it is.
         if update.used > 0 {
             self.corrected = frame.time;
+            if let Some(motion) = filter.estimate() {
+                self.motion = motion;
+            }
         }
         let known = update.used + update.rejected;
         if known < MIN_KNOWN_POINTS {

@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::CentreMotion;
 use super::adjust::{AdjustOptions, adjust, reduced_normal};
+use super::free_motion::SHAPE_SPREAD;
 use super::inlier_gate::{INLIER_GATE, gate_and_evaluate};
 use super::intrinsics::INTRINSICS;
 use super::model_fit::{ModelFit, dispersion, refine_with_rounding};
@@ -22,6 +23,13 @@ const ROUNDS: usize = 2;
 /// A solution of the rounding likelihood is trusted if it is as near to that of least squares as this, in standard
 /// deviations of the latter, of eight parameters.
 const AGREEING: f64 = 5.0;
+
+/// A sphere is kept as the estimate unless another shape lowers the cost by more than this (in units of the noise
+/// variance): half the 95 % point of a chi-squared variable of five degrees of freedom.
+const SHAPE_GAIN: f64 = 5.5;
+
+/// Information that is added to directions which vanish in rounding, relative to that of single unknowns.
+const LEAST_INFORMATION: [f64; 4] = [0.0, 1e-14, 1e-12, 1e-10];
 
 /// The fit and what it says about the last frame.
 pub struct DisturbedFit {
@@ -63,6 +71,16 @@ where
     let limit = INLIER_GATE * settings.noise;
     let (mut model, mut points) = (start, points);
     let mut cost = adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?.cost;
+    if model.shape_spread < SHAPE_SPREAD {
+        let residuals = gate_and_evaluate::<L, G, _>(&mut scene.clone(), &model, &points, limit);
+        let (mut other, mut moved) = (model.clone(), points.clone());
+        other.shape_spread = SHAPE_SPREAD;
+        let reached = adjust::<L, G, _>(scene, &mut other, &mut moved, &adjust_options);
+        let gain = SHAPE_GAIN * residuals.deviation.powi(2);
+        if let Some(reached) = reached.filter(|r| r.cost + gain < cost) {
+            (model, points, cost) = (other, moved, reached.cost);
+        }
+    }
     for _ in 0..ROUNDS {
         let residuals = gate_and_evaluate::<L, G, _>(scene, &model, &points, limit);
         let variance = residuals.deviation.powi(2).max(f64::MIN_POSITIVE);
@@ -87,8 +105,11 @@ where
         residuals,
         cost,
     };
-    let by_least_squares = fit.clone();
     let first = covariance_of::<L, G>(scene, &fit, &likelihood, false)?;
+    let deviations = fit.motion.deviations::<L, G>(fit.motion.scales);
+    let share = |k: usize| (first.0[(k, k)] / deviations[k].max(1e-9).powi(2)).clamp(0.0, 1.0);
+    fit.motion.held = (0..G).map(share).sum();
+    let by_least_squares = fit.clone();
     let mut rounding = refine_with_rounding::<L, G, _>(scene, &mut fit, settings);
     let mut found = first.clone();
     if rounding != likelihood {
@@ -184,10 +205,29 @@ where
     for k in 0..G {
         information[(k, k)] += deviations[k].max(1e-9).powi(-2);
     }
-    let information = (information + information.transpose()) * 0.5;
-    let covariance = information.cholesky()?.inverse();
+    let covariance = inverse(&information)?;
     let points = normal.points.iter().map(|c| c * variance).collect();
     Some((covariance, points))
+}
+
+/// Inverse of an information matrix. Near the separatrix the unknowns' information differs by many orders of
+/// magnitude: the matrix is scaled to a unit diagonal, and directions that vanish in rounding get the least information
+/// for which the factorisation succeeds.
+fn inverse<const G: usize>(information: &SMatrix<f64, G, G>) -> Option<SMatrix<f64, G, G>> {
+    let scale = SVector::<f64, G>::from_fn(|k, _| {
+        let own = information[(k, k)];
+        own.max(f64::MIN_POSITIVE).sqrt().recip()
+    });
+    let scaled = SMatrix::<f64, G, G>::from_fn(|i, j| {
+        0.5 * (information[(i, j)] + information[(j, i)]) * scale[i] * scale[j]
+    });
+    LEAST_INFORMATION.into_iter().find_map(|least| {
+        let factor = (scaled + SMatrix::identity() * least).cholesky()?;
+        let inverse = factor.inverse();
+        Some(SMatrix::from_fn(|i, j| {
+            inverse[(i, j)] * scale[i] * scale[j]
+        }))
+    })
 }
 
 /// Distance of two models in standard deviations of the state at the last frame.

@@ -112,9 +112,11 @@ pub fn adjust_globally(
     let disturbed = |rotation: FreePositions, line: Option<(Vector3<f64>, Vector3<f64>)>| {
         let intrinsics = Intrinsics::of_focal(rotation.log_focal);
         let (noise, orbit) = (settings.noise, settings.orbit);
+        let shape_spread = rotation.shape_spread;
         let (motion, t_C) = (rotation.motion, rotation.t_C);
         let mut model = Disturbed::new(motion, t_C, line, &times, &R_WC, noise, widths, orbit);
         model.intrinsics = intrinsics;
+        model.shape_spread = shape_spread;
         model
     };
     let is_smooth = matches!(fitted, ComMotion::Linear(_));
@@ -241,8 +243,10 @@ impl GlobalFit {
         };
         let count = self.observations.max(1) as f64;
         let excess = (self.residuals.deviation / noise).powi(2) - 1.0;
-        // Relative standard deviation of a variance estimated from this many residuals.
-        if excess < 4.0 * count.recip().sqrt() {
+        // Both variances are of the same noise; they differ by the degrees of freedom that only independent poses
+        // have, six per frame.
+        let differing = 6.0 * self.chosen.len() as f64;
+        if excess < 4.0 * (2.0 * differing).sqrt() / (2.0 * count) {
             return 1.0;
         }
         1.0 + excess * count / self.fit.points.len().max(1) as f64

@@ -85,7 +85,7 @@ pub fn gate_and_evaluate<const L: usize, const G: usize, M: PoseModel<L, G>>(
             }
         }
     }
-    let freedom = (2.0 * inliers as f64 - unknowns::<L, G>(scene)).max(1.0);
+    let freedom = (2.0 * inliers as f64 - unknowns(scene, motion)).max(1.0);
     Residuals {
         rms: (sum / (2 * inliers.max(1)) as f64).sqrt(),
         deviation: (sum / freedom).sqrt(),
@@ -93,9 +93,12 @@ pub fn gate_and_evaluate<const L: usize, const G: usize, M: PoseModel<L, G>>(
     }
 }
 
-/// Number of unknowns of a fit to the scene.
-pub fn unknowns<const L: usize, const G: usize>(scene: &Scene) -> f64 {
-    (L * scene.len() + 3 * scene.points + G) as f64
+/// Number of unknowns of a fit to the scene that the images determine.
+pub fn unknowns<const L: usize, const G: usize, M: PoseModel<L, G>>(
+    scene: &Scene,
+    motion: &M,
+) -> f64 {
+    (L * scene.len() + 3 * scene.points + G) as f64 - motion.held()
 }
 
 /// Calls `visit` with the residual of every inlier \[px\].

@@ -152,6 +152,11 @@ pub struct Disturbed {
     pub intrinsics: Intrinsics,
     /// Scales of the priors.
     pub scales: Scales,
+    /// Number of unknowns that the priors determine, as a sum of shares.
+    pub held: f64,
+    /// Standard deviation of the inertia's shape in the fit; small for a body that is taken to be a sphere, whose
+    /// covariance has [`SHAPE_SPREAD`] nevertheless.
+    pub shape_spread: f64,
     attitudes: Vec<(UnitQuaternion<f64>, Sensitivity)>,
     responses: Vec<Response<STEPS>>,
     fixed: Rc<Fixed>,
@@ -236,6 +241,17 @@ impl Disturbed {
         };
         let mut others = SVector::<f64, GYRO>::zeros();
         let mut t_C = t_C;
+        // Disturbances without width; the covariance of the fit tells more.
+        let camera = [widths.focal, widths.centre, widths.centre, widths.radial];
+        let is_smooth = line.is_some();
+        let counts = [
+            (widths.acceleration == 0.0, TORQUE),
+            (is_smooth && widths.path == 0.0, CURVATURE),
+            (!is_smooth && !is_turning, GYRO),
+            (true, camera.iter().filter(|width| **width == 0.0).count()),
+        ];
+        let without = counts.iter().filter(|(is_without, _)| *is_without);
+        let held = without.map(|(_, count)| *count as f64).sum();
         if let Some((start, displacement)) = line {
             others.fixed_rows_mut::<3>(0).copy_from(&start);
             others.fixed_rows_mut::<3>(3).copy_from(&displacement);
@@ -248,6 +264,8 @@ impl Disturbed {
             t_C,
             intrinsics: Intrinsics::default(),
             scales: Scales::default(),
+            held,
+            shape_spread: SHAPE_SPREAD,
             attitudes: Vec::new(),
             responses: Vec::new(),
             fixed: Rc::new(fixed),
@@ -468,6 +486,10 @@ impl<const L: usize, const G: usize> PoseModel<L, G> for Disturbed {
         self.intrinsics
     }
 
+    fn held(&self) -> f64 {
+        self.held
+    }
+
     fn moved(&self, frames: &[SVector<f64, L>], common: &SVector<f64, G>) -> Option<Self> {
         let motion = self
             .motion
@@ -492,6 +514,8 @@ impl<const L: usize, const G: usize> PoseModel<L, G> for Disturbed {
             attitudes: Vec::new(),
             responses: Vec::new(),
             scales: self.scales,
+            held: self.held,
+            shape_spread: self.shape_spread,
             fixed: Rc::clone(&self.fixed),
         };
         moved.propagate();
@@ -500,7 +524,8 @@ impl<const L: usize, const G: usize> PoseModel<L, G> for Disturbed {
 
     fn prior(&self) -> (SVector<f64, G>, SVector<f64, G>) {
         let noise = self.fixed.noise;
-        let deviations = self.deviations::<L, G>(self.scales);
+        let mut deviations = self.deviations::<L, G>(self.scales);
+        deviations.rows_mut(0, 5).fill(self.shape_spread);
         (
             deviations.map(|d| (noise / d.max(1e-9)).powi(2)),
             self.distances::<L, G>(),

@@ -26,7 +26,8 @@ pub struct FreePositions<'a> {
     attitudes: Vec<(UnitQuaternion<f64>, Sensitivity)>,
     focal_deviation: f64,
     noise: f64,
-    shape_spread: f64,
+    /// Standard deviation of the prior on the inertia's shape; small for a body that is taken to be a sphere.
+    pub shape_spread: f64,
 }
 
 impl<'a> FreePositions<'a> {

@@ -35,6 +35,10 @@ pub trait PoseModel<const L: usize, const G: usize>: Sized {
     /// Derivatives of the pose in frame `i` by the common unknowns: rotation (body axes), then translation (camera
     /// axes).
     fn pose_by_common(&self, i: usize) -> SMatrix<f64, 6, G>;
+    /// Number of common unknowns that the prior determines instead of the images, as a sum of shares.
+    fn held(&self) -> f64 {
+        0.0
+    }
     /// The camera's intrinsics.
     fn intrinsics(&self) -> Intrinsics;
     /// The model after a step in its unknowns; `None` if that is not possible (no such inertia, for example).
