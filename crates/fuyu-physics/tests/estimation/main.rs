@@ -6,4 +6,5 @@
 mod judge;
 mod problems;
 mod push;
+mod rates;
 mod world;
