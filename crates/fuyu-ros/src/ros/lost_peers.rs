@@ -1,0 +1,94 @@
+//! Peers that were lost without leaving, and that return: the network was interrupted for longer than their lease.
+//!
+//! When such a participant is discovered again, rustdds puts its endpoints back into the discovery database, but does not
+//! match them with local readers and writers (docs/upstream.md). The peer, whose lease for this participant may be longer,
+//! does not announce them again. A new participant here is new to the peer as well, and both discover each other in full.
+
+use rustdds::GUID;
+use std::{
+    collections::HashMap,
+    sync::{Mutex, MutexGuard, PoisonError},
+    time::Instant,
+};
+
+/// GUID prefix of a participant.
+type Prefix = [u8; 12];
+
+/// Participants that one DDS participant has lost.
+#[derive(Debug, Default)]
+pub(super) struct LostPeers {
+    inner: Mutex<Inner>,
+}
+
+#[derive(Debug, Default)]
+struct Inner {
+    /// When each was lost, and its nodes.
+    lost: HashMap<Prefix, (Instant, String)>,
+    /// What to log about the first that has returned.
+    returned: Option<String>,
+}
+
+impl LostPeers {
+    /// The lease of a participant with these nodes has ended.
+    pub(super) fn lost(&self, participant: &[u8], nodes: &[String]) {
+        let Ok(prefix) = Prefix::try_from(participant) else {
+            return;
+        };
+        let names = match nodes {
+            [] => "a DDS participant without nodes".to_owned(),
+            nodes => nodes.join(", "),
+        };
+        if !nodes.is_empty() {
+            tracing::warn!(
+                "lost {names}: nothing has arrived until the end of the lease; the network is interrupted, or the process has died"
+            );
+        }
+        self.lock().lost.insert(prefix, (Instant::now(), names));
+    }
+
+    /// A participant has been discovered, perhaps again.
+    pub(super) fn discovered(&self, participant: &GUID) {
+        let Ok(prefix) = Prefix::try_from(participant.prefix.as_ref()) else {
+            return;
+        };
+        let mut inner = self.lock();
+        if let Some((since, names)) = inner.lost.remove(&prefix) {
+            let seconds = since.elapsed().as_secs_f64();
+            let reason = format!("{names} returned {seconds:.0} s after the end of the lease");
+            inner.returned.get_or_insert(reason);
+        }
+    }
+
+    /// Which lost peer has returned first, for the log; once.
+    pub(super) fn take_returned(&self) -> Option<String> {
+        self.lock().returned.take()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if a new peer counted as one that returns, or if one loss were reported twice.
+    #[test]
+    fn only_a_lost_peer_returns_and_once_per_loss() {
+        let guid = |n| GUID::from_bytes([n; 16]);
+        let peers = LostPeers::default();
+        peers.discovered(&guid(1));
+        assert_eq!(peers.take_returned(), None);
+        for _ in 0..2 {
+            peers.lost(&[1; 12], &["/arm".to_owned()]);
+            peers.discovered(&guid(2));
+            assert_eq!(peers.take_returned(), None);
+            peers.discovered(&guid(1));
+            peers.discovered(&guid(1));
+            let reason = peers.take_returned().unwrap();
+            assert!(reason.starts_with("/arm returned"), "{reason}");
+            assert_eq!(peers.take_returned(), None);
+        }
+    }
+}
