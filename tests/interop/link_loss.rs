@@ -36,7 +36,7 @@ pub struct Split {
 }
 
 impl Split {
-    /// `None` where the computers cannot be made. `environment` are variables of all processes on each computer, `args` more
+    /// On the two computers at the ends of a wire. `environment` are variables of all processes on each computer, `args` more
     /// arguments of the dynamics node.
     pub fn new(wire: Wire, domain: u16, environment: [&[&str]; 2], args: &[&str]) -> Self {
         let command = |end: usize, program: &std::path::Path| {
@@ -49,9 +49,9 @@ impl Split {
         };
         let config = concat!(env!("CARGO_MANIFEST_DIR"), "/config/positioning.yaml");
         let node = |end: usize, name: &str, args: &[&str]| {
-            let mut command = command(end, &binary(name));
-            command.args(["--ros-args", "--params-file", config]);
-            Running::start({ command.args(args); command }, domain)
+            let mut command = command(end, binary(name).as_ref());
+            command.args(["--ros-args", "--params-file", config]).args(args);
+            Running::start(command, domain)
         };
         let mut observer = Peer::start_with(command(1, &python()), "observer", domain);
         for topic in ["joint_states", "joint_commands"] {

@@ -36,3 +36,4 @@ mod speed;
 mod static_peers;
 mod time_jumps;
 mod wire;
+mod wireguard;
