@@ -86,7 +86,7 @@ fn robots_that_share_a_clock_by_mistake_are_warned_and_recorded() {
 #[test]
 fn a_recorder_with_a_remapped_clock_stamps_from_the_start() {
     let remaps = ["/clock:=clock", "/tf:=tf", "/tf_static:=tf_static"];
-    let outcomes = launch(122, &remaps);
+    let outcomes = launch(123, &remaps);
     for (outcome, [robot, other]) in outcomes.iter().zip([["/a", "/b"], ["/b", "/a"]]) {
         has_only(outcome, robot, other);
         assert_eq!(outcome.files, 1);
