@@ -18,8 +18,8 @@ use crate::{
 
 const NUMBER: &str = "std_msgs/msg/Int64";
 const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
-/// Within this time after an interruption everything is exchanged again: rustdds announces a participant every 10 s, a process
-/// looks once a second for peers that have returned, and this machine may be busy.
+/// Within this time after an interruption everything is exchanged again: rustdds announces a participant every 10 s, a
+/// process looks once a second for peers that have returned, and this machine may be busy.
 const BACK_WITHIN: Duration = Duration::from_secs(30);
 
 pub fn now() -> f64 {
@@ -36,8 +36,8 @@ pub struct Split {
 }
 
 impl Split {
-    /// On the two computers at the ends of a wire. `environment` are variables of all processes on each computer, `args` more
-    /// arguments of the dynamics node.
+    /// On the two computers at the ends of a wire. `environment` are variables of all processes on each computer, `args`
+    /// more arguments of the dynamics node.
     pub fn new(wire: Wire, domain: u16, environment: [&[&str]; 2], args: &[&str]) -> Self {
         let command = |end: usize, program: &std::path::Path| {
             let namespace: &Namespace = &wire.ends[end];
@@ -123,8 +123,8 @@ fn interrupt(names: [&str; 2], domain: u16, seconds: &[u64]) {
     }
 }
 
-// Fails if a participant that is lost and returns stays unmatched (docs/upstream.md): the lease of Fast DDS is 20 s, that of
-// rustdds 50 s.
+// Fails if a participant that is lost and returns stays unmatched (docs/upstream.md): the lease of Fast DDS is 20 s,
+// that of rustdds 50 s.
 #[test]
 fn a_robot_survives_short_interruptions() {
     interrupt(["cut", "cutfar"], 112, &[5, 30]);

@@ -9,7 +9,8 @@ const STATES: usize = 400;
 /// The largest joint rate of the run without a network is 1.9 rad/s \[rad/s\].
 const LARGEST_RATE: f64 = 2.5;
 
-/// The largest joint rate of the run over a network with this delay in each direction \[s\]; `None` if it cannot be made.
+/// The largest joint rate of the run over a network with this delay in each direction \[s\]; `None` if there can be
+/// none.
 fn largest_rate(names: [&str; 2], domain: u16, delay: f64) -> Option<f64> {
     let wire = Wire::new(names, 0.0, delay)?;
     let mut robot = Split::new(wire, domain, [&[], &[]], &[]);
@@ -22,8 +23,8 @@ fn largest_rate(names: [&str; 2], domain: u16, delay: f64) -> Option<f64> {
     Some(rates.filter_map(|r| r.as_f64()).fold(0.0, |most: f64, rate| most.max(rate.abs())))
 }
 
-// Fails if a period during which time waits for the answer to its state is simulated with the efforts before: each answer
-// then acts a whole period late, and joint rates reach 16 rad/s.
+// Fails if a period during which time waits for the answer to its state is simulated with the efforts before: each
+// answer then acts a whole period late, and joint rates reach 14 rad/s.
 #[test]
 fn time_that_waits_for_a_slow_network_changes_no_motion() {
     for (delay, names, domain) in [(0.006, ["slow", "slowfar"], 118), (0.02, ["lag", "lagfar"], 119)] {

@@ -1,5 +1,5 @@
-//! A robot over a WireGuard tunnel, as docs/security.md describes it. Needs `wireguard-go`, which works without the kernel's
-//! WireGuard, and `wg` (Debian: wireguard-go, wireguard-tools).
+//! A robot over a WireGuard tunnel, as docs/security.md describes it. Needs `wireguard-go`, which works without the
+//! kernel's WireGuard, and `wg` (Debian: wireguard-go, wireguard-tools).
 
 use std::{
     fs,

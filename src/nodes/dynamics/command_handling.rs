@@ -182,7 +182,8 @@ impl CommandHandler {
             return None;
         }
         let problem = format!(
-            "{}: efforts act {:.0} ms, {:.1} periods, after the state that they answer; a control loop that is stable without this delay may diverge. A larger answer_timeout makes time wait for answers, and lockstep for every answer",
+            "{}: efforts act {:.0} ms, {:.1} periods, after the state that they answer; a control loop that is stable \
+             without this delay may diverge. A larger answer_timeout makes time wait for answers, lockstep for all",
             self.commands.topic(),
             1e3 * delay,
             delay / self.period

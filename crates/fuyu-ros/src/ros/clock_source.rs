@@ -81,7 +81,7 @@ mod tests {
         Gid::from([n; 16])
     }
 
-    /// Verdicts about these messages, publisher and time in milliseconds, for a node whose robot has the publisher `own`.
+    /// Verdicts about these messages, publisher and time \[ms\], for a node whose robot has the publisher `own`.
     fn verdicts(messages: &[(u8, u64)], own: u8) -> (Vec<Verdict>, bool) {
         let mut source = ClockSource::default();
         let start = Instant::now();

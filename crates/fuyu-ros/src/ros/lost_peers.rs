@@ -1,8 +1,9 @@
 //! Peers that were lost without leaving, and that return: the network was interrupted for longer than their lease.
 //!
-//! When such a participant is discovered again, rustdds puts its endpoints back into the discovery database, but does not
-//! match them with local readers and writers (docs/upstream.md). The peer, whose lease for this participant may be longer,
-//! does not announce them again. A new participant here is new to the peer as well, and both discover each other in full.
+//! When such a participant is discovered again, rustdds puts its endpoints back into the discovery database, but does
+//! not match them with local readers and writers (docs/upstream.md). The peer, whose lease for this participant may be
+//! longer, does not announce them again. A new participant here is new to the peer as well, and both discover each
+//! other in full.
 
 use rustdds::GUID;
 use std::{
@@ -40,7 +41,8 @@ impl LostPeers {
         };
         if !nodes.is_empty() {
             tracing::warn!(
-                "lost {names}: nothing has arrived until the end of the lease; the network is interrupted, or the process has died"
+                "lost {names}: nothing has arrived for the time of the lease; the network is interrupted, or the \
+                 process has died"
             );
         }
         self.lock().lost.insert(prefix, (Instant::now(), names));

@@ -276,7 +276,8 @@ impl ClockFollower {
                 name.unwrap_or_else(|| format!("publisher {publisher:?}"))
             };
             tracing::warn!(
-                "node {}: {} and {} both publish {}, and time follows the first; give each robot its own clock (-r /clock:=clock with its namespace)",
+                "node {}: {} and {} both publish {}, and time follows the first; give each robot a clock of its own \
+                 (-r /clock:=clock, with its namespace)",
                 self.node,
                 name(followed),
                 name(other),

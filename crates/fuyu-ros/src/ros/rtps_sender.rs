@@ -52,8 +52,8 @@ pub(super) struct RtpsSender {
 }
 
 impl RtpsSender {
-    /// For `participant`, whose discovery has this range: with [`DiscoveryRange::Localhost`] nothing leaves the computer,
-    /// unless it `has_peers` elsewhere.
+    /// For `participant`, whose discovery has this range: with [`DiscoveryRange::Localhost`] nothing leaves the
+    /// computer, unless it `has_peers` elsewhere.
     ///
     /// # Errors
     /// If there is no socket.

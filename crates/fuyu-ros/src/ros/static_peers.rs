@@ -1,9 +1,10 @@
 //! Static peers: computers whose nodes are found without multicast (`ROS_STATIC_PEERS`).
 //!
-//! rustdds announces a participant by multicast, on this computer, and to every participant that it knows; it has no setting for
-//! further addresses (docs/upstream.md). So a participant is introduced to a placeholder for each static peer, in a datagram to its own
-//! discovery port: a participant that only receives announcements, at the discovery ports of that computer. rustdds then
-//! announces itself there, at once and every 10 s, and the participants there respond as to any announcement.
+//! rustdds announces a participant by multicast, on this computer, and to every participant that it knows; it has no
+//! setting for further addresses (docs/upstream.md). So a participant is introduced to a placeholder for each static
+//! peer, in a datagram to its own discovery port: a participant that only receives announcements, at the discovery ports
+//! of that computer. rustdds then announces itself there, at once and every 10 s, and the participants there respond as
+//! to any announcement.
 
 use rustdds::DomainParticipant;
 use std::{
