@@ -50,7 +50,9 @@ impl Split {
         let config = concat!(env!("CARGO_MANIFEST_DIR"), "/config/positioning.yaml");
         let node = |end: usize, name: &str, args: &[&str]| {
             let mut command = command(end, binary(name).as_ref());
-            command.args(["--ros-args", "--params-file", config]).args(args);
+            command
+                .args(["--ros-args", "--params-file", config])
+                .args(args);
             Running::start(command, domain)
         };
         let mut observer = Peer::start_with(command(1, &python()), "observer", domain);
@@ -75,15 +77,27 @@ impl Split {
     pub fn all_receive(&mut self, since: f64, patience: Duration) -> f64 {
         let start = Instant::now();
         let observer = &mut self.observer;
-        eventually("the dynamics node has the controller's efforts", patience, || {
-            let wait = json!({"do": "wait", "topic": "joint_states", "since": since, "timeout": 0.5});
-            let states = observer.does(wait);
-            let last = states.as_array()?.last()?;
-            let efforts = last["message"]["effort"].as_array()?;
-            efforts.iter().any(|e| e.as_f64() != Some(0.0)).then_some(())
-        });
-        let commands = json!({"do": "wait", "topic": "joint_commands", "since": since, "timeout": 30.0});
-        assert!(observer.does(commands)[0].is_object(), "the controller has the states");
+        eventually(
+            "the dynamics node has the controller's efforts",
+            patience,
+            || {
+                let wait =
+                    json!({"do": "wait", "topic": "joint_states", "since": since, "timeout": 0.5});
+                let states = observer.does(wait);
+                let last = states.as_array()?.last()?;
+                let efforts = last["message"]["effort"].as_array()?;
+                efforts
+                    .iter()
+                    .any(|e| e.as_f64() != Some(0.0))
+                    .then_some(())
+            },
+        );
+        let commands =
+            json!({"do": "wait", "topic": "joint_commands", "since": since, "timeout": 30.0});
+        assert!(
+            observer.does(commands)[0].is_object(),
+            "the controller has the states"
+        );
         eventually("an answer of the echo", patience, || {
             observer.does(json!({
                 "do": "publish", "topic": "in/std_msgs/Int64", "type": NUMBER, "message": {"data": 1},
@@ -118,7 +132,11 @@ fn interrupt(names: [&str; 2], domain: u16, seconds: &[u64]) {
         let back = robot.all_receive(now(), BACK_WITHIN);
         println!("after an interruption of {seconds} s everything is exchanged within {back:.1} s");
         if seconds >= 30 {
-            assert!(robot.said().contains("joined the graph again"), "{}", robot.said());
+            assert!(
+                robot.said().contains("joined the graph again"),
+                "{}",
+                robot.said()
+            );
         }
     }
 }

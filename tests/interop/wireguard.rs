@@ -39,7 +39,10 @@ fn wg(arguments: &[&str], input: &str) -> String {
     drop(stdin);
     let output = wg.wait_with_output().expect("wg ends");
     assert!(output.status.success(), "wg {arguments:?}");
-    String::from_utf8(output.stdout).expect("text").trim().to_owned()
+    String::from_utf8(output.stdout)
+        .expect("text")
+        .trim()
+        .to_owned()
 }
 
 /// A tunnel with the addresses 10.44.0.1 and 10.44.0.2.
@@ -60,7 +63,12 @@ fn tunnel(wire: &Wire, folder: &Path) -> Tunnel {
         let configure = || {
             let mut command = wire.ends[i].command("wg");
             command.args(["set", name, "private-key"]).arg(&key);
-            command.args(["listen-port", "51820", "peer", &wg(&["pubkey"], &keys[1 - i])]);
+            command.args([
+                "listen-port",
+                "51820",
+                "peer",
+                &wg(&["pubkey"], &keys[1 - i]),
+            ]);
             command.args(["allowed-ips", &format!("10.44.0.{peer}/32")]);
             command.args(["endpoint", &format!("10.98.0.{peer}:51820")]);
             let output = command.output().expect("wg can be started");

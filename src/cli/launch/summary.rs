@@ -18,7 +18,9 @@ use crate::{
 pub fn robot_of(nodes: &[Node]) -> Option<String> {
     let mut namespaces = nodes.iter().map(|node| node.name().namespace());
     let first = namespaces.next().filter(|first| *first != "/")?;
-    namespaces.all(|other| other == first).then(|| first.to_owned())
+    namespaces
+        .all(|other| other == first)
+        .then(|| first.to_owned())
 }
 
 /// The summary text, and why the result is not what was asked for because the computer was too slow. `robot` is the namespace

@@ -23,7 +23,8 @@ const SHORT_LEASE: &str = r#"<?xml version="1.0"?>
 /// A file with [`SHORT_LEASE`], for `FASTRTPS_DEFAULT_PROFILES_FILE`.
 pub fn short_lease() -> tempfile::NamedTempFile {
     let mut file = tempfile::NamedTempFile::new().expect("a file");
-    file.write_all(SHORT_LEASE.as_bytes()).expect("it is written");
+    file.write_all(SHORT_LEASE.as_bytes())
+        .expect("it is written");
     file
 }
 
@@ -70,7 +71,7 @@ fn string_reader(participant: &DomainParticipant) -> DataReader<String> {
 
 // The publisher is stopped for longer than its lease, which looks like an interrupted network.
 #[test]
-fn a_peer_that_returns_after_its_lease_is_not_matched_again() {
+fn a_peer_that_returns_after_its_lease_is_not_found_again() {
     let _claim = DomainClaim::new(DOMAIN);
     let profile = short_lease();
     let here = participant(DOMAIN);
@@ -98,9 +99,7 @@ fn a_peer_that_returns_after_its_lease_is_not_matched_again() {
     });
     while arrives(&mut reader, Duration::from_millis(500)) {}
     signal("-CONT");
-    eventually("it is discovered again", PATIENCE, || {
-        matches!(events.try_recv_status()?, Event::ParticipantDiscovered { .. }).then_some(())
-    });
+    // It announces itself twice a second.
     assert!(!arrives(&mut reader, SILENCE), "it is matched again");
     // A new participant receives what it publishes.
     let new = participant(DOMAIN);

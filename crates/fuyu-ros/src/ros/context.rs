@@ -113,6 +113,11 @@ impl Domain {
                 .with_only_networks([] as [Ipv4Addr; 0])
                 .same_host_loopback(false),
         };
+        // Bound until the participant exists: peers must not send it multicast.
+        let _ports = match peers {
+            [] => Vec::new(),
+            _ => static_peers::occupy_multicast_ports(self.id),
+        };
         let participant = builder.build().map_err(|e| e.to_string())?;
         if self.range != DiscoveryRange::Off
             && let Err(e) = static_peers::introduce(&participant, peers)

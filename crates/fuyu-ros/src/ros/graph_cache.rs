@@ -146,7 +146,8 @@ impl GraphCache {
         let known = self.lock();
         let others = known.others.iter();
         let mut same = others.filter(|(prefix, _)| prefix.as_slice() == participant);
-        same.next().map_or_else(Vec::new, |(_, other)| other.nodes.clone())
+        same.next()
+            .map_or_else(Vec::new, |(_, other)| other.nodes.clone())
     }
 
     /// Removes participants that have left or died.

@@ -3,9 +3,13 @@
 //! When such a participant is discovered again, rustdds puts its endpoints back into the discovery database, but does
 //! not match them with local readers and writers (docs/upstream.md). The peer, whose lease for this participant may be
 //! longer, does not announce them again. A new participant here is new to the peer as well, and both discover each
-//! other in full.
+//! other in full. Announcements of Fast DDS keep their sequence number, so rustdds takes those of a peer that returns for
+//! duplicates and does not discover it at all; a scout, a further participant without endpoints, does.
 
-use rustdds::GUID;
+use rustdds::{
+    DomainParticipant, GUID, StatusEvented,
+    dds::statusevents::DomainParticipantStatusEvent as Event,
+};
 use std::{
     collections::HashMap,
     sync::{Mutex, MutexGuard, PoisonError},
@@ -16,17 +20,19 @@ use std::{
 type Prefix = [u8; 12];
 
 /// Participants that one DDS participant has lost.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(super) struct LostPeers {
     inner: Mutex<Inner>,
 }
 
-#[derive(Debug, Default)]
+#[derive(Default)]
 struct Inner {
     /// When each was lost, and its nodes.
     lost: HashMap<Prefix, (Instant, String)>,
     /// What to log about the first that has returned.
     returned: Option<String>,
+    /// Discovers those that return, from the first loss on.
+    scout: Option<DomainParticipant>,
 }
 
 impl LostPeers {
@@ -61,9 +67,32 @@ impl LostPeers {
         }
     }
 
-    /// Which lost peer has returned first, for the log; once.
-    pub(super) fn take_returned(&self) -> Option<String> {
-        self.lock().returned.take()
+    /// Which lost peer has returned first, for the log; once. Creates a scout with `create` when there is something to look
+    /// for.
+    pub(super) fn take_returned(
+        &self,
+        create: impl FnOnce() -> Result<DomainParticipant, String>,
+    ) -> Option<String> {
+        let mut inner = self.lock();
+        let is_needed = !inner.lost.is_empty() && inner.scout.is_none();
+        let scout = inner.scout.clone();
+        drop(inner);
+        if let Some(scout) = scout {
+            let events = scout.status_listener();
+            while let Some(event) = events.try_recv_status() {
+                if let Event::ParticipantDiscovered { dpd } = event {
+                    self.discovered(&dpd.guid);
+                }
+            }
+        }
+        if is_needed {
+            match create() {
+                Ok(scout) => self.lock().scout = Some(scout),
+                Err(e) => tracing::warn!("lost peers may not be noticed when they return: {e}"),
+            }
+        }
+        inner = self.lock();
+        inner.returned.take()
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
@@ -79,18 +108,19 @@ mod tests {
     #[test]
     fn only_a_lost_peer_returns_and_once_per_loss() {
         let guid = |n| GUID::from_bytes([n; 16]);
+        let returned = |peers: &LostPeers| peers.take_returned(|| Err("no scout".to_owned()));
         let peers = LostPeers::default();
         peers.discovered(&guid(1));
-        assert_eq!(peers.take_returned(), None);
+        assert_eq!(returned(&peers), None);
         for _ in 0..2 {
             peers.lost(&[1; 12], &["/arm".to_owned()]);
             peers.discovered(&guid(2));
-            assert_eq!(peers.take_returned(), None);
+            assert_eq!(returned(&peers), None);
             peers.discovered(&guid(1));
             peers.discovered(&guid(1));
-            let reason = peers.take_returned().unwrap();
+            let reason = returned(&peers).unwrap();
             assert!(reason.starts_with("/arm returned"), "{reason}");
-            assert_eq!(peers.take_returned(), None);
+            assert_eq!(returned(&peers), None);
         }
     }
 }

@@ -218,8 +218,9 @@ impl Participant {
     /// Which peer has returned after the end of its lease, for the log; once per loss.
     fn take_returned_peer(&self) -> Option<String> {
         // Somebody who connects or creates an endpoint must not be waited for; the next call will find it.
-        let mut connection = self.connection.try_lock().ok()?;
-        connection.session()?.take_returned_peer()
+        let lost_peers = self.connection.try_lock().ok()?.session()?.lost_peers();
+        let peers = || self.static_peers.addresses();
+        lost_peers.take_returned(|| signals::with_blocked(|| self.domain.participant(&peers())))
     }
 
     /// Connects if an earlier attempt failed. Returns whether it has connected.

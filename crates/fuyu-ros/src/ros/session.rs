@@ -181,9 +181,9 @@ impl Session {
         &self.participant
     }
 
-    /// Which peer has returned after the end of its lease, for the log; once per loss.
-    pub(super) fn take_returned_peer(&self) -> Option<String> {
-        self.lost_peers.take_returned()
+    /// The peers that this participant has lost.
+    pub(super) fn lost_peers(&self) -> Arc<LostPeers> {
+        Arc::clone(&self.lost_peers)
     }
 
     pub(super) fn add_writer(&mut self, writer: &Writer) -> Result<(), EntityError> {

@@ -4,7 +4,8 @@
 //! setting for further addresses (docs/upstream.md). So a participant is introduced to a placeholder for each static
 //! peer, in a datagram to its own discovery port: a participant that only receives announcements, at the discovery ports
 //! of that computer. rustdds then announces itself there, at once and every 10 s, and the participants there respond as
-//! to any announcement.
+//! to any announcement. Since rustdds prefers multicast for data, both sides must do without it
+//! ([`occupy_multicast_ports`]).
 
 use rustdds::DomainParticipant;
 use std::{
@@ -55,7 +56,10 @@ impl StaticPeers {
     }
 
     fn parse(value: &str) -> Result<Self, DomainError> {
-        let names = value.split(';').map(str::trim).filter(|name| !name.is_empty());
+        let names = value
+            .split(';')
+            .map(str::trim)
+            .filter(|name| !name.is_empty());
         let names: Vec<_> = names.map(str::to_owned).collect();
         let is_allowed = |c: char| c.is_ascii_alphanumeric() || ".-_".contains(c);
         match names.iter().all(|name| name.chars().all(is_allowed)) {
@@ -127,6 +131,22 @@ pub(super) fn introduce(participant: &DomainParticipant, peers: &[Ipv4Addr]) -> 
     Ok(())
 }
 
+/// Sockets at the multicast ports of a domain. A participant that is created while they exist cannot bind these ports, and
+/// so announces no multicast addresses: peers that multicast does not reach would otherwise be sent multicast only. It is
+/// still found by multicast, since it announces itself that way.
+pub(super) fn occupy_multicast_ports(domain: u16) -> Vec<UdpSocket> {
+    let base = 7400 + 250 * domain;
+    let sockets = [base, base + 1].map(|port| UdpSocket::bind((Ipv4Addr::UNSPECIFIED, port)));
+    let sockets: Vec<_> = sockets.into_iter().flatten().collect();
+    if sockets.len() < 2 {
+        tracing::warn!(
+            "ROS_STATIC_PEERS: another process uses multicast in domain {domain}, so this one does as well; peers that \
+             multicast does not reach may receive nothing"
+        );
+    }
+    sockets
+}
+
 /// Whether a participant is a placeholder.
 pub(super) fn is_placeholder(prefix: &[u8]) -> bool {
     prefix.starts_with(&PLACEHOLDER)
@@ -185,12 +205,24 @@ mod tests {
     fn a_list_of_peers_is_read_as_in_ros() {
         let names = |value: &str| StaticPeers::parse(value).map(|peers| peers.names);
         assert_eq!(names("").unwrap(), [""; 0]);
-        assert_eq!(names(" 10.0.0.1; robot.local;").unwrap(), ["10.0.0.1", "robot.local"]);
+        assert_eq!(
+            names(" 10.0.0.1; robot.local;").unwrap(),
+            ["10.0.0.1", "robot.local"]
+        );
         let error = names("10.0.0.1, 10.0.0.2").unwrap_err().to_string();
-        assert!(error.contains("ROS_STATIC_PEERS") && error.contains("10.0.0.1, 10.0.0.2"), "{error}");
+        assert!(
+            error.contains("ROS_STATIC_PEERS") && error.contains("10.0.0.1, 10.0.0.2"),
+            "{error}"
+        );
         assert!(names("[fe80::1]").is_err());
         let peers = StaticPeers::parse("10.0.0.2;10.0.0.1;10.0.0.2").unwrap();
-        assert_eq!(peers.addresses(), [Ipv4Addr::new(10, 0, 0, 1), Ipv4Addr::new(10, 0, 0, 2)]);
-        assert_eq!(local_addresses(&[Ipv4Addr::LOCALHOST]), [Ipv4Addr::LOCALHOST]);
+        assert_eq!(
+            peers.addresses(),
+            [Ipv4Addr::new(10, 0, 0, 1), Ipv4Addr::new(10, 0, 0, 2)]
+        );
+        assert_eq!(
+            local_addresses(&[Ipv4Addr::LOCALHOST]),
+            [Ipv4Addr::LOCALHOST]
+        );
     }
 }
