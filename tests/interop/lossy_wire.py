@@ -35,6 +35,7 @@ while True:
         if not line:
             break
         loss, delay = map(float, line.split())
+        readable.remove(sys.stdin)
     for end in readable:
         try:
             frame = os.read(end, 65536)
