@@ -119,8 +119,9 @@ impl Domain {
             _ => static_peers::occupy_multicast_ports(self.id),
         };
         let participant = builder.build().map_err(|e| e.to_string())?;
+        let on_subnet = self.range == DiscoveryRange::Subnet;
         if self.range != DiscoveryRange::Off
-            && let Err(e) = static_peers::introduce(&participant, peers)
+            && let Err(e) = static_peers::introduce(&participant, peers, on_subnet)
         {
             tracing::warn!("ROS_STATIC_PEERS: not contacted: {e}");
         }

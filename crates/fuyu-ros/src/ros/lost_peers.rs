@@ -31,8 +31,10 @@ struct Inner {
     lost: HashMap<Prefix, (Instant, String)>,
     /// What to log about the first that has returned.
     returned: Option<String>,
-    /// Discovers those that return, from the first loss on.
+    /// Discovers those that return, from the last loss on.
     scout: Option<DomainParticipant>,
+    /// Whether a peer was lost since the scout was created: the scout may have known it before, and lost it as well.
+    needs_scout: bool,
 }
 
 impl LostPeers {
@@ -51,7 +53,9 @@ impl LostPeers {
                  process has died"
             );
         }
-        self.lock().lost.insert(prefix, (Instant::now(), names));
+        let mut inner = self.lock();
+        inner.lost.insert(prefix, (Instant::now(), names));
+        inner.needs_scout = true;
     }
 
     /// A participant has been discovered, perhaps again.
@@ -74,8 +78,11 @@ impl LostPeers {
         create: impl FnOnce() -> Result<DomainParticipant, String>,
     ) -> Option<String> {
         let mut inner = self.lock();
-        let is_needed = !inner.lost.is_empty() && inner.scout.is_none();
-        let scout = inner.scout.clone();
+        let is_needed = std::mem::take(&mut inner.needs_scout);
+        let scout = match is_needed {
+            true => inner.scout.take(),
+            false => inner.scout.clone(),
+        };
         drop(inner);
         if let Some(scout) = scout {
             let events = scout.status_listener();
@@ -91,8 +98,7 @@ impl LostPeers {
                 Err(e) => tracing::warn!("lost peers may not be noticed when they return: {e}"),
             }
         }
-        inner = self.lock();
-        inner.returned.take()
+        self.lock().returned.take()
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {

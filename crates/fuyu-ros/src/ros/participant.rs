@@ -219,8 +219,10 @@ impl Participant {
     fn take_returned_peer(&self) -> Option<String> {
         // Somebody who connects or creates an endpoint must not be waited for; the next call will find it.
         let lost_peers = self.connection.try_lock().ok()?.session()?.lost_peers();
-        let peers = || self.static_peers.addresses();
-        lost_peers.take_returned(|| signals::with_blocked(|| self.domain.participant(&peers())))
+        lost_peers.take_returned(|| {
+            let peers = self.static_peers.addresses();
+            signals::with_blocked(|| self.domain.participant(&peers))
+        })
     }
 
     /// Connects if an earlier attempt failed. Returns whether it has connected.

@@ -18,6 +18,9 @@ use super::context::DomainError;
 /// Participants of a peer that are announced to: those with the first ids, as discovery on one computer does.
 const PARTICIPANTS: u16 = 12;
 
+/// The group of discovery (RTPS 2.5, section 9.6.2.4.1).
+const MULTICAST_GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 1);
+
 /// First bytes of the GUID of a placeholder: the vendor id of rustdds, and a text.
 const PLACEHOLDER: [u8; 8] = [0x01, 0x12, b's', b't', b'a', b't', b'i', b'c'];
 
@@ -116,26 +119,43 @@ pub(super) fn local_addresses(peers: &[Ipv4Addr]) -> Vec<Ipv4Addr> {
     addresses
 }
 
-/// Introduces a participant to the placeholders of its static peers.
+/// Introduces a participant to the placeholders of its static peers; `uses_multicast` adds one for the multicast group, which
+/// a participant without multicast addresses does not announce itself to otherwise.
 ///
 /// # Errors
 /// When the datagrams cannot be sent.
-pub(super) fn introduce(participant: &DomainParticipant, peers: &[Ipv4Addr]) -> io::Result<()> {
+pub(super) fn introduce(
+    participant: &DomainParticipant,
+    peers: &[Ipv4Addr],
+    uses_multicast: bool,
+) -> io::Result<()> {
+    if peers.is_empty() {
+        return Ok(());
+    }
     let domain = participant.domain_id();
     let own = discovery_port(domain, participant.participant_id());
     let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
+    let introduce = |address: Ipv4Addr, ports: &[u16]| {
+        let message = placeholder(address, ports);
+        socket.send_to(&message, SocketAddr::from((Ipv4Addr::LOCALHOST, own)))
+    };
+    let ports: Vec<_> = (0..PARTICIPANTS)
+        .map(|id| discovery_port(domain, id))
+        .collect();
     for peer in peers {
-        let message = placeholder(*peer, domain);
-        socket.send_to(&message, SocketAddr::from((Ipv4Addr::LOCALHOST, own)))?;
+        introduce(*peer, &ports)?;
+    }
+    if uses_multicast {
+        introduce(MULTICAST_GROUP, &[multicast_port(domain)])?;
     }
     Ok(())
 }
 
 /// Sockets at the multicast ports of a domain. A participant that is created while they exist cannot bind these ports, and
 /// so announces no multicast addresses: peers that multicast does not reach would otherwise be sent multicast only. It is
-/// still found by multicast, since it announces itself that way.
+/// still found by multicast if it announces itself that way ([`introduce`]).
 pub(super) fn occupy_multicast_ports(domain: u16) -> Vec<UdpSocket> {
-    let base = 7400 + 250 * domain;
+    let base = multicast_port(domain);
     let sockets = [base, base + 1].map(|port| UdpSocket::bind((Ipv4Addr::UNSPECIFIED, port)));
     let sockets: Vec<_> = sockets.into_iter().flatten().collect();
     if sockets.len() < 2 {
@@ -154,11 +174,16 @@ pub(super) fn is_placeholder(prefix: &[u8]) -> bool {
 
 /// UDP port of unicast discovery (RTPS 2.5, section 9.6.2.3).
 fn discovery_port(domain: u16, participant: u16) -> u16 {
-    7400 + 250 * domain + 10 + 2 * participant
+    multicast_port(domain) + 10 + 2 * participant
 }
 
-/// The announcement of a placeholder.
-fn placeholder(peer: Ipv4Addr, domain: u16) -> Vec<u8> {
+/// UDP port of discovery by multicast; that of data is the next one.
+fn multicast_port(domain: u16) -> u16 {
+    7400 + 250 * domain
+}
+
+/// The announcement of a placeholder with this address and these ports.
+fn placeholder(peer: Ipv4Addr, ports: &[u16]) -> Vec<u8> {
     let mut prefix = PLACEHOLDER.to_vec();
     prefix.extend(peer.octets());
     // Parameters, little endian, after the header of their encoding.
@@ -171,9 +196,9 @@ fn placeholder(peer: Ipv4Addr, domain: u16) -> Vec<u8> {
     add(PROTOCOL_VERSION, &[2, 3, 0, 0]);
     add(VENDOR, &[PLACEHOLDER[0], PLACEHOLDER[1], 0, 0]);
     add(PARTICIPANT_GUID, &[&prefix[..], &PARTICIPANT].concat());
-    for participant in 0..PARTICIPANTS {
+    for port in ports {
         let mut locator = UDP_V4.to_le_bytes().to_vec();
-        locator.extend(u32::from(discovery_port(domain, participant)).to_le_bytes());
+        locator.extend(u32::from(*port).to_le_bytes());
         locator.extend([0; 12]);
         locator.extend(peer.octets());
         add(METATRAFFIC_UNICAST_LOCATOR, &locator);
