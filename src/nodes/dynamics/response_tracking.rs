@@ -8,6 +8,8 @@ use crate::ros::Time;
 const REMEMBERED: usize = 64;
 /// Number of consecutive answered states after which unanswered ones are forgotten.
 const FORGIVEN_AFTER: u32 = 100;
+/// The same if the answers were late: a commander that skips states does not answer so many consecutive ones.
+const CONSECUTIVE: u32 = 10;
 
 /// Counts the states that are answered: a command answers the state whose stamp it carries.
 ///
@@ -31,6 +33,8 @@ pub struct ResponseTracker {
     needed: u32,
     /// Whether it is only assumed, from a command that carries the stamp of the start, that states are answered.
     is_guess: bool,
+    /// Responses to consecutive states, also late ones.
+    consecutive: u32,
     /// Consecutive states with a response.
     in_a_row: u32,
     /// States that were followed by the next one while their response was due.
@@ -49,6 +53,7 @@ impl Default for ResponseTracker {
             responses: 0,
             needed: 1,
             is_guess: false,
+            consecutive: 0,
             in_a_row: 0,
             unanswered: 0,
             previous_run: Vec::new(),
@@ -112,6 +117,15 @@ impl ResponseTracker {
             && self.newest.is_none_or(|newest| command > newest)
         {
             self.is_guess = false;
+            let follows = |pair: (&Time, &Time)| Some(*pair.0) == self.newest && *pair.1 == command;
+            let mut pairs = self.states.iter().zip(self.states.iter().skip(1));
+            self.consecutive = match pairs.any(follows) {
+                true => self.consecutive + 1,
+                false => 0,
+            };
+            if self.consecutive == CONSECUTIVE {
+                (self.consecutive, self.needed) = (0, 1);
+            }
             self.newest = Some(command);
             self.delay = now.since(command);
             self.responses = self.responses.saturating_add(1);
@@ -280,6 +294,26 @@ mod tests {
             tracker.record(state(0), state(i));
         }
         assert_eq!(tracker.unanswered(), 0);
+    }
+
+    // Would break if a commander on a network that loses some answers, and delays the others, were waited for no longer.
+    #[test]
+    fn late_answers_to_consecutive_states_are_waited_for_again() {
+        let mut tracker = ResponseTracker::default();
+        for i in 0..4 {
+            tracker.expect(state(i));
+            record(&mut tracker, i);
+        }
+        for i in 4..10 {
+            tracker.expect(state(i));
+        }
+        assert!(tracker.unanswered() > 0 && tracker.needed > 1);
+        for i in 10..22 {
+            tracker.expect(state(i));
+            tracker.record(state(i - 5), state(i));
+        }
+        assert_eq!(tracker.needed, 1);
+        assert!(tracker.is_due());
     }
 
     #[test]
