@@ -308,7 +308,7 @@ mod tests {
             tracker.expect(state(i));
         }
         assert!(tracker.unanswered() > 0 && tracker.needed > 1);
-        for i in 10..22 {
+        for i in 10..21 {
             tracker.expect(state(i));
             tracker.record(state(i - 5), state(i));
         }
