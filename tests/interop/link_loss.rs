@@ -55,6 +55,8 @@ impl Split {
                 .args(args);
             Running::start(command, domain)
         };
+        // Before rclpy listens to multicast on this computer: with static peers it does without.
+        let controller = node(1, "controller", &[]);
         let mut observer = Peer::start_with(command(1, &python()), "observer", domain);
         for topic in ["joint_states", "joint_commands"] {
             observer.subscribe(topic, JOINT_STATE, "reliable");
@@ -62,7 +64,6 @@ impl Split {
         observer.subscribe("out/std_msgs/Int64", NUMBER, "reliable");
         let echo = ["--ros-args", "-r", "__node:=echo"];
         let echo = Running::program(command(0, &executable()), "echo", domain, &echo);
-        let controller = node(1, "controller", &[]);
         let camera = node(0, "camera", &[]);
         let dynamics = node(0, "dynamics", &[&["-p", "duration:=0.0"], args].concat());
         Self {
