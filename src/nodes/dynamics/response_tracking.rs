@@ -1,6 +1,6 @@
 //! Response tracking: which published states have been answered by a command.
 
-use std::collections::VecDeque;
+use std::{collections::VecDeque, time::Duration};
 
 use crate::ros::Time;
 
@@ -21,6 +21,8 @@ pub struct ResponseTracker {
     states: VecDeque<Time>,
     /// Stamp of the newest state that has a response.
     newest: Option<Time>,
+    /// How long after its state the last response acted.
+    delay: Duration,
     /// Whether a command has answered the present state since it was published last.
     is_answered: bool,
     /// Responses since the last wait in vain.
@@ -40,6 +42,7 @@ impl Default for ResponseTracker {
         Self {
             states: VecDeque::with_capacity(REMEMBERED),
             newest: None,
+            delay: Duration::ZERO,
             is_answered: false,
             responses: 0,
             needed: 1,
@@ -98,6 +101,7 @@ impl ResponseTracker {
     pub fn record(&mut self, command: Time, now: Time) {
         if self.states.contains(&command) && self.newest.is_none_or(|newest| command > newest) {
             self.newest = Some(command);
+            self.delay = now.since(command);
             self.responses = self.responses.saturating_add(1);
         }
         self.is_answered = command == now;
@@ -108,6 +112,11 @@ impl ResponseTracker {
     pub fn record_rates(&mut self, command: Time, now: Time) {
         self.responses = 0;
         self.is_answered = command == now;
+    }
+
+    /// How long after its state the last response acted, in simulated time.
+    pub fn delay(&self) -> Duration {
+        self.delay
     }
 
     /// Number of states whose response was due but did not arrive before the next state.
@@ -237,6 +246,19 @@ mod tests {
         record(&mut tracker, 0);
         tracker.expect(state(1));
         assert!(tracker.is_due());
+    }
+
+    #[test]
+    fn the_delay_is_that_of_the_last_response() {
+        let mut tracker = ResponseTracker::default();
+        assert_eq!(tracker.delay(), Duration::ZERO);
+        for i in 0..5 {
+            tracker.expect(state(i));
+        }
+        tracker.record(state(1), state(4));
+        assert_eq!(tracker.delay(), Duration::from_millis(30));
+        record(&mut tracker, 4);
+        assert_eq!(tracker.delay(), Duration::ZERO);
     }
 
     #[test]

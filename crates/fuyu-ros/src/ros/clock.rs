@@ -3,7 +3,7 @@
 use std::{
     sync::{
         Arc,
-        atomic::{AtomicBool, AtomicI64, Ordering},
+        atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering},
     },
     time::{Duration, Instant},
 };
@@ -23,6 +23,8 @@ struct Inner {
     driven: AtomicBool,
     /// The last `/clock` [ns]; zero before the first.
     now: AtomicI64,
+    /// How often the time was taken from another publisher of `/clock` while the one before still published.
+    changes_of_publisher: AtomicU64,
     events: Arc<Events>,
 }
 
@@ -33,6 +35,7 @@ impl Clock {
                 simulated: AtomicBool::new(false),
                 driven: AtomicBool::new(false),
                 now: AtomicI64::new(0),
+                changes_of_publisher: AtomicU64::new(0),
                 events,
             }),
         }
@@ -67,6 +70,22 @@ impl Clock {
         self.inner.now.store(now.as_nanos(), Ordering::Release);
         self.inner.simulated.store(true, Ordering::Release);
         // No event: the only program that could wait for one is the one that calls this.
+    }
+
+    /// How often the time was taken from another publisher of `/clock` while the one before still published. A jump of
+    /// the time that comes with such a change is not a restart of the simulation.
+    pub fn changes_of_publisher(&self) -> u64 {
+        self.inner.changes_of_publisher.load(Ordering::Acquire)
+    }
+
+    pub(super) fn publisher_changes(&self) {
+        let count = &self.inner.changes_of_publisher;
+        count.fetch_add(1, Ordering::AcqRel);
+    }
+
+    /// Whether the program sets the time.
+    pub(super) fn is_driven(&self) -> bool {
+        self.inner.driven.load(Ordering::Acquire)
     }
 
     /// Sets the time from a `/clock` message.

@@ -73,6 +73,7 @@ mod announcer;
 pub mod args;
 mod client;
 mod clock;
+mod clock_source;
 mod context;
 mod descriptor_limit;
 mod diagnostics;

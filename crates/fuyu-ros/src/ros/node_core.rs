@@ -1,13 +1,17 @@
 //! State of a node that its handle, endpoints and threads share; it outlives DDS participants.
 
 use rustdds::{bytes::Bytes, rpc::SampleIdentity};
-use std::sync::{
-    Arc, Mutex, OnceLock, PoisonError,
-    atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
+use std::{
+    sync::{
+        Arc, Mutex, OnceLock, PoisonError, Weak,
+        atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
+    },
+    time::Instant,
 };
 
 use super::{
-    Clock, Diagnostics, Domain, NodeError, NodeName, Qos, RawSample,
+    Clock, Diagnostics, Domain, Gid, NodeError, NodeName, Qos, RawSample,
+    clock_source::{ClockSource, Verdict},
     endpoint::{Counters, Destination, EndpointSpec, Inbox, Member, Reader, Sink, Writer},
     events::{Events, StopState},
     handler_queue::HandlerQueue,
@@ -195,11 +199,15 @@ impl NodeCore {
         if simulated && !*following {
             let topic = self.names.topic("/clock")?;
             let spec = EndpointSpec::topic::<rosgraph_msgs::Clock>(&topic, Qos::CLOCK_SUBSCRIPTION);
-            let clock = self.clock.clone();
-            let sink = move |sample: RawSample, _: &Counters| {
-                let message = cdr::decode::<rosgraph_msgs::Clock>(&sample.cdr);
-                message.map(|m| clock.set(m.clock.into())).is_ok()
+            let follower = ClockFollower {
+                topic: topic.clone(),
+                clock: self.clock.clone(),
+                node: Arc::clone(&self.name),
+                participant: Arc::downgrade(&self.participant),
+                source: Mutex::default(),
+                has_warned: AtomicBool::new(false),
             };
+            let sink = move |sample: RawSample, _: &Counters| follower.receive(&sample);
             self.add_reader(spec.shared(), Box::new(sink))?;
             *following = true;
         }
@@ -215,5 +223,71 @@ impl NodeCore {
     pub(super) fn lost(writer: &Writer) -> u64 {
         let counters = &writer.counters;
         counters.dropped.load(Relaxed) + counters.failed.load(Relaxed)
+    }
+}
+
+/// Sets the clock of a node from `/clock`, from one publisher.
+struct ClockFollower {
+    topic: String,
+    clock: Clock,
+    node: Arc<NodeName>,
+    participant: Weak<Participant>,
+    source: Mutex<ClockSource>,
+    has_warned: AtomicBool,
+}
+
+impl ClockFollower {
+    /// Returns whether the sample is a message of the type.
+    fn receive(&self, sample: &RawSample) -> bool {
+        let Ok(message) = cdr::decode::<rosgraph_msgs::Clock>(&sample.cdr) else {
+            return false;
+        };
+        if self.clock.is_driven() {
+            return true;
+        }
+        let mut source = self.source.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_own = |publisher| {
+            let publisher = self.name_of(publisher);
+            let namespace = publisher.as_deref().and_then(|name| name.rsplit_once('/'));
+            namespace.is_some_and(|(namespace, _)| {
+                namespace == self.node.namespace().trim_end_matches('/')
+            })
+        };
+        let verdict = source.receive(sample.publisher, Instant::now(), is_own);
+        let are_several = source.are_several();
+        drop(source);
+        let other = match verdict {
+            Verdict::Follow => None,
+            Verdict::FollowInstead(other) => {
+                self.clock.publisher_changes();
+                Some((sample.publisher, other))
+            }
+            Verdict::Ignore(followed) => Some((followed, sample.publisher)),
+        };
+        if !matches!(verdict, Verdict::Ignore(_)) {
+            self.clock.set(message.clock.into());
+        }
+        if let Some((followed, other)) = other
+            && are_several
+            && !self.has_warned.swap(true, Relaxed)
+        {
+            let name = |publisher| {
+                let name = self.name_of(publisher);
+                name.unwrap_or_else(|| format!("publisher {publisher:?}"))
+            };
+            tracing::warn!(
+                "node {}: {} and {} both publish {}, and time follows the first; give each robot a clock of its own \
+                 (-r /clock:=clock, with its namespace)",
+                self.node,
+                name(followed),
+                name(other),
+                self.topic
+            );
+        }
+        true
+    }
+
+    fn name_of(&self, publisher: Gid) -> Option<String> {
+        self.participant.upgrade()?.node_of(publisher)
     }
 }
