@@ -34,6 +34,7 @@ use crate::{
 pub use several_robots::OtherBody;
 
 /// A parameter file with the ROS arguments of the command line.
+#[derive(Clone)]
 pub struct Scenario {
     path: PathBuf,
     file: ParamsFile,
