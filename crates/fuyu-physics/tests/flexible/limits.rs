@@ -202,7 +202,7 @@ fn impossible_parts_are_rejected_with_the_reason() {
     let other = FlexibleSystem::builder(&model).elastic_link("link2", Pose::identity(), heavier, 0);
     let said = message(other);
     assert!(
-        said.contains(&format!("has {mass} kg, but link link2 has ")),
+        said.contains(&format!("has {mass:.3} kg, but link link2 has ")),
         "{said}"
     );
     let mut foreign = model.frame("tool0").unwrap().clone();

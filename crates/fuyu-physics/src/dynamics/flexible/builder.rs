@@ -191,7 +191,7 @@ impl FlexibleBuilder {
             let (rigid, deformable) = (body.rigid.mass, appendage.invariants.mass());
             if (rigid - deformable).abs() > MASS_SHARE * rigid {
                 let problem = format!(
-                    "has {deformable} kg, but link {link} has {rigid} kg with all that is fixed to it; they must agree to 1 %"
+                    "has {deformable:.3} kg, but link {link} has {rigid:.3} kg with all that is fixed to it; they must agree to 1 %"
                 );
                 return Err(FlexibleError::part(name, problem));
             }
