@@ -104,7 +104,7 @@ fn wrong_elastic_links_are_refused_with_the_reason() {
         (
             "linear_mass: 20.0",
             "linear_mass: 2.0",
-            "kg, but link link2 has 50 kg with all that is fixed to it; they must agree to 1 %",
+            "kg, but link link2 has 50.000 kg with all that is fixed to it; they must agree to 1 %",
         ),
         (
             "EI: 2.0e5",
