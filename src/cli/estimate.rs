@@ -1,33 +1,36 @@
 //! `fuyu estimate`: motion of a tumbling body from a recording.
 
-use std::{fmt::Write as _, path::PathBuf};
+mod report;
+
+use std::path::PathBuf;
 
 use nalgebra::{UnitQuaternion, Vector3};
-use serde::Serialize;
 
+use self::report::{KnownDistance, Report};
 use super::{Failure, print};
 use crate::{
     estimation::{
         Estimated, EstimationMethod, Tracks,
-        bundle::{self, CameraMotion},
-        estimate, from_rates,
+        bundle::{self, CameraMotion, Orbit, Widths},
+        estimate, fit_rates, from_rates,
     },
     experiments::{Observations, ObservedTracks},
-    spatial::unwound,
-    vision::Pinhole,
+    vision::{Distortion, Pinhole},
 };
 
 /// Estimate and predict the motion of a tumbling body from a recording
 ///
 /// INPUT is a bag with `camera/features`, or a CSV table whose first line names its columns: t,id,u,v (feature
 /// tracks: s, a whole number, px with pixel centres at integers) or t,wx,wy,wz (angular velocity in the camera's
-/// axes: s, rad/s). All results are in the camera's axes at the last frame.
+/// axes: s, rad/s). All results are in the camera's axes at the last frame. What disturbs a free rotation before a
+/// calibrated camera (torques, errors of gyro and calibration) is estimated as well, with the prior widths that the
+/// options give.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Bag (folder or .mcap file) or CSV file
     #[arg(value_name = "INPUT")]
     input: PathBuf,
-    /// bundle (default for tracks) or masutani1995 (the only one for angular velocity)
+    /// bundle (default for tracks), maximum_likelihood (default for angular velocity) or masutani1995
     #[arg(long, value_name = "METHOD", value_parser = method)]
     method: Option<EstimationMethod>,
     /// Focal length along rows [px]; a bag has it in camera/camera_info
@@ -42,9 +45,66 @@ pub struct Args {
     /// Row of the optical axis [px]
     #[arg(long, value_name = "PX", allow_negative_numbers = true)]
     cy: Option<f64>,
-    /// Estimate the focal length as well, starting from the given one (bundle)
-    #[arg(long)]
+    /// The given focal length is only a start, known to 10 % (the same as --focal-deviation 0.1)
+    #[arg(long, conflicts_with = "focal_deviation")]
     focal_length: bool,
+    /// Standard deviation of the given focal length, relative to it; 0 if it is exact (bundle)
+    #[arg(long, value_name = "SHARE", default_value_t = Widths::default().focal, value_parser = super::not_negative)]
+    focal_deviation: f64,
+    /// Standard deviation of the given principal point, over the focal length; 0 if it is exact (bundle)
+    #[arg(long, value_name = "SHARE", default_value_t = Widths::default().centre, value_parser = super::not_negative)]
+    centre_deviation: f64,
+    /// Standard deviation of the first radial coefficient of distortion that remains; 0 for none (bundle)
+    #[arg(long, value_name = "K1", default_value_t = Widths::default().radial, value_parser = super::not_negative)]
+    radial_deviation: f64,
+    /// Lens distortion of a table's tracks: plumb_bob or equidistant; a bag has it in camera/camera_info
+    #[arg(long, value_name = "MODEL", requires = "distortion")]
+    distortion_model: Option<String>,
+    /// Its coefficients: k1,k2,p1,p2,k3 or k1,k2,k3,k4
+    #[arg(
+        long,
+        value_name = "D",
+        value_delimiter = ',',
+        allow_negative_numbers = true,
+        requires = "distortion_model"
+    )]
+    distortion: Vec<f64>,
+    /// The camera's own angular velocity from a gyro: a table t,wx,wy,wz in the camera's axes [s, rad/s]
+    #[arg(long, value_name = "CSV")]
+    gyro: Option<PathBuf>,
+    /// Random walk of the integrated gyro [rad/sqrt(s)]
+    #[arg(long, value_name = "N", default_value_t = Widths::default().gyro_noise, value_parser = super::not_negative)]
+    gyro_noise: f64,
+    /// Standard deviation of the gyro's bias [rad/s]
+    #[arg(long, value_name = "B", default_value_t = Widths::default().gyro_bias, value_parser = super::not_negative)]
+    gyro_bias: f64,
+    /// Standard deviation of the body's angular acceleration by torques [rad/s2]; the default is for low Earth orbit
+    #[arg(long, value_name = "A", default_value_t = Widths::default().acceleration, value_parser = super::not_negative)]
+    disturbance: f64,
+    /// Orbital rate [rad/s]: the body's centre moves as Clohessy and Wiltshire describe, instead of on a straight line
+    #[arg(long, value_name = "N", value_parser = super::positive)]
+    orbital_rate: Option<f64>,
+    /// Direction from the Earth at the first frame, camera axes: x,y,z; needs --orbital-rate and --orbit-normal
+    #[arg(
+        long,
+        value_name = "X,Y,Z",
+        value_delimiter = ',',
+        allow_negative_numbers = true,
+        requires = "orbit_normal"
+    )]
+    radial: Vec<f64>,
+    /// Normal of the orbit, camera axes: x,y,z
+    #[arg(
+        long,
+        value_name = "X,Y,Z",
+        value_delimiter = ',',
+        allow_negative_numbers = true,
+        requires = "radial"
+    )]
+    orbit_normal: Vec<f64>,
+    /// Distance between two points [m], which gives the scale: ID,ID,M
+    #[arg(long, value_name = "ID,ID,M")]
+    distance: Option<KnownDistance>,
     /// Standard deviation of an image coordinate [px] (bundle)
     #[arg(long, value_name = "PX", default_value_t = 0.3, value_parser = super::positive)]
     pixel_noise: f64,
@@ -89,32 +149,91 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let observations = Observations::read(&args.input).map_err(Failure::Input)?;
     let found = match &observations {
         Observations::Tracks(observed) => from_tracks(args, observed)?,
-        Observations::AngularVelocity(rates) => {
-            if args.method == Some(EstimationMethod::Bundle) {
-                return Err(input(
-                    args,
-                    "--method bundle needs feature tracks; for angular velocity use --method masutani1995",
-                ));
-            }
-            let estimated = from_rates(rates).map_err(|e| input(args, e))?;
-            Found {
-                estimated,
-                end: rates.last().map_or(0.0, |(t, _)| *t),
-                R_IC: UnitQuaternion::identity(),
-                input: format!("{} angular velocities", rates.len()),
-                unit: "rad/s",
-            }
-        }
+        Observations::AngularVelocity(rates) => from_angular_velocities(args, rates)?,
     };
-    let report = Report::new(&found, args);
+    let report = Report::new(&found, args)?;
     if !args.json {
-        return print(&found.to_text(&report));
+        return print(&report::to_text(&found, &report));
     }
-    for note in &found.estimated.diagnosis {
+    for note in &report.notes {
         eprintln!("fuyu: note: {note}");
     }
     let json = serde_json::to_string(&report);
     print(&(json.map_err(|e| Failure::Runtime(e.to_string()))? + "\n"))
+}
+
+fn from_angular_velocities(args: &Args, rates: &[(f64, Vector3<f64>)]) -> Result<Found, Failure> {
+    let estimated = match args.method {
+        None | Some(EstimationMethod::MaximumLikelihood) => {
+            fit_rates(rates, &widths(args)).map_err(|e| input(args, e))?
+        }
+        Some(EstimationMethod::Masutani1995) => from_rates(rates).map_err(|e| input(args, e))?,
+        Some(EstimationMethod::Bundle) => {
+            return Err(input(
+                args,
+                "--method bundle needs feature tracks; for angular velocity use maximum_likelihood or masutani1995",
+            ));
+        }
+    };
+    Ok(Found {
+        estimated,
+        end: rates.last().map_or(0.0, |(t, _)| *t),
+        R_IC: UnitQuaternion::identity(),
+        input: format!("{} angular velocities", rates.len()),
+        unit: "rad/s",
+    })
+}
+
+/// Prior widths from the options.
+fn widths(args: &Args) -> Widths {
+    Widths {
+        acceleration: args.disturbance,
+        gyro_noise: args.gyro_noise,
+        gyro_bias: args.gyro_bias,
+        focal: if args.focal_length {
+            0.1
+        } else {
+            args.focal_deviation
+        },
+        centre: args.centre_deviation,
+        radial: args.radial_deviation,
+        path: args
+            .orbital_rate
+            .map_or(Widths::default().path, |n| match args.radial.is_empty() {
+                // The gradient of gravity is at most twice n² times the distance.
+                true => 2.0 * n * n,
+                // The orbit is known; what remains are other forces.
+                false => 0.1 * n * n,
+            }),
+        ..Widths::default()
+    }
+}
+
+/// The orbit, if its directions are given.
+fn orbit(args: &Args) -> Result<Option<Orbit>, Failure> {
+    let vector = |name: &str, values: &[f64]| match values {
+        [x, y, z] if Vector3::new(*x, *y, *z).norm() > 0.0 => {
+            Ok(Vector3::new(*x, *y, *z).normalize())
+        }
+        _ => Err(Failure::Input(format!(
+            "--{name} is '{values:?}'; it must be a direction of three numbers, as 0,0,1"
+        ))),
+    };
+    let (Some(rate), false) = (args.orbital_rate, args.radial.is_empty()) else {
+        return Ok(None);
+    };
+    let radial = vector("radial", &args.radial)?;
+    let normal = vector("orbit-normal", &args.orbit_normal)?;
+    let across = normal - radial * radial.dot(&normal);
+    if across.norm() < 0.1 {
+        return Err(Failure::Input(
+            "--orbit-normal is along --radial; it must be across it".to_owned(),
+        ));
+    }
+    Ok(Some(Orbit {
+        rate,
+        directions: (radial, across.normalize()),
+    }))
 }
 
 fn input(args: &Args, problem: impl std::fmt::Display) -> Failure {
@@ -136,13 +255,48 @@ struct Found {
 fn from_tracks(args: &Args, observed: &ObservedTracks) -> Result<Found, Failure> {
     let camera = camera(args, observed.camera)?;
     let method = args.method.unwrap_or_default();
-    let tracks = &observed.tracks;
+    let distortion = match &args.distortion_model {
+        Some(model) => Distortion::new(model, &args.distortion)
+            .map_err(|e| Failure::Input(format!("--distortion: {e}")))?,
+        None => observed.distortion,
+    };
+    let rectified = match distortion {
+        Some(lens) => Some(
+            observed
+                .tracks
+                .rectified(&lens, &camera)
+                .map_err(|e| input(args, e))?,
+        ),
+        None => None,
+    };
+    let tracks = rectified.as_ref().unwrap_or(&observed.tracks);
+    let measured = match &args.gyro {
+        Some(path) => match Observations::read(path).map_err(Failure::Input)? {
+            Observations::AngularVelocity(rates) => rates,
+            Observations::Tracks(_) => {
+                return Err(Failure::Input(format!(
+                    "{}: --gyro needs a table with the columns t,wx,wy,wz",
+                    path.display()
+                )));
+            }
+        },
+        None => observed.w_WC_C.clone(),
+    };
+    let mut widths = widths(args);
+    if let Some(noise) = observed.gyro_noise
+        && args.gyro.is_none()
+    {
+        widths.gyro_noise = noise;
+    }
+    let is_at_rest = measured.is_empty();
     let options = bundle::Options {
         pixel_noise: args.pixel_noise,
-        estimate_focal_length: args.focal_length,
-        camera_motion: match observed.w_WC_C.as_slice() {
-            [] => CameraMotion::Fixed,
-            rates => CameraMotion::Rates(rates.to_vec()),
+        widths,
+        orbit: orbit(args)?,
+        with_points: true,
+        camera_motion: match is_at_rest {
+            true => CameraMotion::Fixed,
+            false => CameraMotion::Rates(measured),
         },
         ..bundle::Options::default()
     };
@@ -151,10 +305,10 @@ fn from_tracks(args: &Args, observed: &ObservedTracks) -> Result<Found, Failure>
     Ok(Found {
         end,
         R_IC: options.camera_motion.lookup()(end),
-        input: describe(tracks, end - start, observed.w_WC_C.is_empty()),
+        input: describe(tracks, end - start, is_at_rest),
         unit: match method {
             EstimationMethod::Bundle => "px",
-            EstimationMethod::Masutani1995 => "rad/s",
+            EstimationMethod::Masutani1995 | EstimationMethod::MaximumLikelihood => "rad/s",
         },
         estimated,
     })
@@ -195,119 +349,4 @@ fn camera(args: &Args, recorded: Option<Pinhole>) -> Result<Pinhole, Failure> {
     };
     camera.check().map_err(|e| Failure::Input(e.to_string()))?;
     Ok(camera)
-}
-
-/// Output of `--json`.
-#[derive(Serialize)]
-#[allow(non_snake_case)]
-struct Report {
-    method: &'static str,
-    model: &'static str,
-    J: Option<[f64; 3]>,
-    alpha: f64,
-    angular_velocity: Vec<RateOutput>,
-    prediction: Vec<AttitudeOutput>,
-    rms: f64,
-    covariance: Option<[[f64; 4]; 4]>,
-    focal_length: Option<f64>,
-    axes_time: f64,
-    notes: Vec<String>,
-}
-
-#[derive(Serialize)]
-struct RateOutput {
-    t: f64,
-    w: [f64; 3],
-}
-
-#[derive(Serialize)]
-struct AttitudeOutput {
-    t: f64,
-    /// x, y, z, w.
-    q: [f64; 4],
-}
-
-impl Report {
-    fn new(found: &Found, args: &Args) -> Self {
-        let (estimated, R_CI) = (&found.estimated, found.R_IC.inverse());
-        let motion = &estimated.motion;
-        let steps = (args.predict * args.predict_rate + 1e-9).floor() as u32;
-        let time = |k: u32| found.end + f64::from(k) / args.predict_rate;
-        let attitudes = (0..=steps).map(|k| estimated.seen_from(&found.R_IC, time(k)).0);
-        let prediction = (0..).zip(unwound(attitudes)).map(|(k, q)| AttitudeOutput {
-            t: time(k),
-            q: [q.i, q.j, q.k, q.w],
-        });
-        let rates = estimated.w_IB_I.iter();
-        Self {
-            method: estimated.method.name(),
-            model: motion.model().name(),
-            J: motion.J().map(Into::into),
-            alpha: motion.alpha(),
-            angular_velocity: rates
-                .map(|(t, w)| RateOutput {
-                    t: *t,
-                    w: (R_CI * w).into(),
-                })
-                .collect(),
-            prediction: prediction.collect(),
-            rms: motion.rms(),
-            covariance: motion.covariance().map(|c| c.transpose().into()),
-            focal_length: (args.focal_length)
-                .then(|| estimated.solution.as_ref().map(|s| s.camera.fx))
-                .flatten(),
-            axes_time: found.end,
-            notes: estimated.diagnosis.clone(),
-        }
-    }
-}
-
-impl Found {
-    fn to_text(&self, report: &Report) -> String {
-        let mut out = String::new();
-        // Writing to a string cannot fail.
-        let mut row = |label: &str, value: String| {
-            let _ = writeln!(out, "{label:<28}{value}");
-        };
-        row("input", self.input.clone());
-        row("method", report.method.to_owned());
-        row("model", report.model.replace('_', " "));
-        let triple = |v: &[f64; 3]| format!("{:.6}  {:.6}  {:.6}", v[0], v[1], v[2]);
-        let deviations = report
-            .covariance
-            .map(|c| [0, 1, 2, 3].map(|i| c[i][i].sqrt()));
-        let spread = |d: &[f64]| {
-            let d: Vec<_> = d.iter().map(|d| format!("{d:.1e}")).collect();
-            format!("  +- {}", d.join("  "))
-        };
-        let J = (report.J.as_ref()).map_or("not determined by this motion".to_owned(), triple);
-        let uncertainty = deviations.map_or_else(String::new, |d| spread(&d[..3]));
-        row("J [s2]", J + &uncertainty);
-        let uncertainty = deviations.map_or_else(String::new, |d| spread(&d[3..]));
-        row("alpha [s2]", format!("{:.6}{uncertainty}", report.alpha));
-        let w: Vector3<f64> = self.estimated.seen_from(&self.R_IC, self.end).1;
-        row(
-            "angular velocity [rad/s]",
-            format!("{} at {:.3} s", triple(&w.into()), self.end),
-        );
-        let n = self.R_IC.inverse() * self.estimated.motion.momentum_direction();
-        row("momentum direction", triple(&n.into_inner().into()));
-        row("residual", format!("{:.4} {} rms", report.rms, self.unit));
-        if let Some(focal) = report.focal_length {
-            row("focal length [px]", format!("{focal:.2}"));
-        }
-        if let (Some(first), Some(last)) = (report.prediction.first(), report.prediction.last()) {
-            row(
-                "predicted",
-                format!(
-                    "{:.1} s to {:.1} s; --json has the attitudes",
-                    first.t, last.t
-                ),
-            );
-        }
-        for note in &report.notes {
-            row("note", note.clone());
-        }
-        out
-    }
 }

@@ -110,8 +110,8 @@ fn no_ros_args() -> Failure {
     Failure::Input(text.to_owned())
 }
 
-/// Reads and compiles a robot description: a path, or `package://PACKAGE/PATH`, which is also searched for in `packages`.
-/// Repairs are warnings on stderr; with `strict`, errors.
+/// Reads and compiles a robot description: a path, or `package://PACKAGE/PATH`, which is also searched for in
+/// `packages`. Repairs are warnings on stderr; with `strict`, errors.
 fn read_model(path: &Path, packages: &[PathBuf], strict: bool) -> Result<Model, Failure> {
     let name = path.to_str().ok_or_else(|| {
         let path = path.display();
@@ -171,6 +171,14 @@ fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
         _ => Err("give a positive number".to_owned()),
+    }
+}
+
+/// A number that is zero or above.
+fn not_negative(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x >= 0.0 && x.is_finite() => Ok(x),
+        _ => Err("give a number that is not negative".to_owned()),
     }
 }
 

@@ -133,16 +133,35 @@ pub fn prediction_error(
         let degrees = error.to_degrees().max(FLOOR);
         (seconds_since(start, *t), degrees)
     };
+    let reported = |stamp: i64| {
+        let motion = estimation.motions.iter().find(|m| m.time == stamp);
+        motion.map_or(&[][..], |m| m.deviations.as_slice())
+    };
     let some = curves.iter().step_by(curves.len().div_ceil(PREDICTIONS));
-    let some = some.map(|curve| {
-        let name = format!("from {:.1} s", seconds_since(start, curve[0].0));
+    let some = some.flat_map(|curve| {
+        let from = format!("from {:.1} s", seconds_since(start, curve[0].0));
         // The error is zero at the start, which has no logarithm.
-        series(name, curve.iter().skip(1).map(drawn).collect())
+        let error = series(from.clone(), curve.iter().skip(1).map(drawn).collect());
+        let band = reported(curve[0].0).iter().map(drawn);
+        [
+            error,
+            series(format!("standard deviation {from}"), band.collect()),
+        ]
     });
+    let some = some.filter(|s| !s.points.is_empty());
     let worst = curves.iter().map(|curve| {
         let most = curve.iter().map(|(_, e)| *e).fold(0.0, f64::max);
         drawn(&(curve[0].0, most))
     });
+    let expected = curves.iter().filter_map(|curve| {
+        let end = curve.last()?.0;
+        let known = reported(curve[0].0).iter().rev();
+        let last = known.filter(|(t, _)| *t <= end).map(|(_, d)| *d).next()?;
+        Some(drawn(&(curve[0].0, last)))
+    });
+    let expected = series("standard deviation", expected.collect());
+    let mut largest = vec![series("by time of prediction", worst.collect())];
+    largest.extend((!expected.points.is_empty()).then_some(expected));
     Some(Figure {
         title: "Error of the predicted attitude".into(),
         x_label: "time [s]".into(),
@@ -155,7 +174,7 @@ pub fn prediction_error(
             },
             Panel {
                 y_label: "largest error [deg]".into(),
-                series: vec![series("by time of prediction", worst.collect())],
+                series: largest,
                 log: true,
                 ..Panel::default()
             },
@@ -240,6 +259,7 @@ mod tests {
             phase: truth.phase_at(stated),
             momentum_direction: Vector3::z(),
             w_C: truth.angular_velocity(stated),
+            deviations: Vec::new(),
         };
         for i in 0..20 {
             let found = motion.squared_rate(i * SECOND);

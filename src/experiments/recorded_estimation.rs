@@ -54,6 +54,9 @@ pub struct RecordedMotion {
     pub momentum_direction: Vector3<f64>,
     /// Angular velocity in camera axes at that time \[rad/s\].
     pub w_C: Vector3<f64>,
+    /// Times \[ns\] and standard deviations of the predicted rotations since the stamp, root sum square of the axes
+    /// \[rad\].
+    pub deviations: Vec<(i64, f64)>,
 }
 
 /// A predicted attitude over time, in the camera's axes at its stamp.
@@ -84,8 +87,18 @@ const TOPICS: [(&str, Take); 4] = [
     }),
     ("/estimator/motion", |estimation, m| {
         if let Ok(motion) = m.decode::<MotionEstimate>() {
+            let stamp = motion.header.stamp.nanos();
+            let each = motion
+                .prediction_times
+                .iter()
+                .zip(motion.turn_covariances.chunks_exact(9));
+            let deviations = each.map(|(t, c)| {
+                let variance = c[0] + c[4] + c[8];
+                (stamp + (t * 1e9) as i64, variance.max(0.0).sqrt())
+            });
             estimation.motions.push(RecordedMotion {
-                time: motion.header.stamp.nanos(),
+                time: stamp,
+                deviations: deviations.collect(),
                 J: Vector3::new(motion.j_x, motion.j_y, motion.j_z),
                 alpha: motion.alpha,
                 phase: motion.phase,

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use crate::{
     msg::{fuyu_msgs::FeatureTracks, sensor_msgs::CameraInfo, std_msgs::Header},
     ros::Time,
-    vision::{Feature, FeatureFrame, Pinhole},
+    vision::{Distortion, Feature, FeatureFrame, Pinhole},
 };
 
 /// A feature frame as a message. Features with ids beyond 32 bits are left out; fuyu's cameras give none.
@@ -66,11 +66,11 @@ pub fn feature_frame_from_msg(message: &FeatureTracks) -> Result<FeatureFrame, S
     Ok(FeatureFrame::new(time, features))
 }
 
-/// The camera of a calibration.
+/// The camera of a calibration, and the distortion of its lens.
 ///
 /// # Errors
-/// When a focal length is not positive, or the lens distorts: features must come from a rectified image.
-pub fn pinhole_from_msg(info: &CameraInfo) -> Result<Pinhole, String> {
+/// When a focal length is not positive, or the distortion is none of a known model.
+pub fn camera_from_msg(info: &CameraInfo) -> Result<(Pinhole, Option<Distortion>), String> {
     let camera = Pinhole {
         fx: info.k[0],
         fy: info.k[4],
@@ -78,13 +78,18 @@ pub fn pinhole_from_msg(info: &CameraInfo) -> Result<Pinhole, String> {
         cy: info.k[5],
     };
     camera.check().map_err(|e| e.to_string())?;
-    if info.d.iter().any(|d| *d != 0.0) {
-        return Err(format!(
-            "the lens distorts (d is {:?}); features must come from a rectified image, with d zero",
-            info.d
-        ));
-    }
-    Ok(camera)
+    let lens = Distortion::new(&info.distortion_model, &info.d).map_err(|e| e.to_string())?;
+    Ok((camera, lens))
+}
+
+/// The frame with the lens distortion removed. Points at which the lens shows nothing are left out.
+pub fn rectified(frame: FeatureFrame, camera: &Pinhole, lens: Option<&Distortion>) -> FeatureFrame {
+    let Some(lens) = lens else { return frame };
+    let features = frame.features.iter().filter_map(|f| {
+        let [u, v] = lens.rectify(camera, f.u, f.v).ok()?;
+        Some(Feature { id: f.id, u, v })
+    });
+    FeatureFrame::new(frame.time, features.collect())
 }
 
 #[cfg(test)]
@@ -126,11 +131,17 @@ mod tests {
             k: [800.0, 0.0, 319.5, 0.0, 810.0, 239.5, 0.0, 0.0, 1.0],
             ..CameraInfo::default()
         };
-        let camera = pinhole_from_msg(&info).unwrap();
+        let (camera, lens) = camera_from_msg(&info).unwrap();
+        assert_eq!(lens, None);
         assert_eq!((camera.fx, camera.cy), (800.0, 239.5));
         info.d = vec![0.1, 0.0, 0.0, 0.0, 0.0];
-        assert!(pinhole_from_msg(&info).unwrap_err().contains("distorts"));
+        info.distortion_model = "plumb_bob".to_owned();
+        let expected = Distortion::PlumbBob([0.1, 0.0, 0.0, 0.0, 0.0]);
+        assert_eq!(camera_from_msg(&info).unwrap().1, Some(expected));
+        info.distortion_model = "thin_prism".to_owned();
+        assert!(camera_from_msg(&info).unwrap_err().contains("thin_prism"));
+        info.d.clear();
         info.k[0] = 0.0;
-        assert!(pinhole_from_msg(&info).unwrap_err().contains("fx is 0"));
+        assert!(camera_from_msg(&info).unwrap_err().contains("fx is 0"));
     }
 }

@@ -137,7 +137,8 @@ fn motion_and_prediction_are_estimated_from_tracks() {
         let t = entry["t"].as_f64().unwrap();
         assert!((t - 60.0 - 0.1 * k as f64).abs() < 1e-9, "{t}");
     }
-    // The body turns by 0.04 rad in a tenth of a second: if successive quaternions differ by more, the sign has changed.
+    // The body turns by 0.04 rad in a tenth of a second: if successive quaternions differ by more, the sign has
+    // changed.
     let q: Vec<_> = prediction.iter().map(|p| numbers(&p["q"])).collect();
     for pair in q.windows(2) {
         let dot: f64 = pair[0].iter().zip(&pair[1]).map(|(a, b)| a * b).sum();
@@ -166,11 +167,88 @@ fn motion_and_prediction_are_estimated_from_tracks() {
     assert!((focal / 819.2 - 1.0).abs() < 1e-3, "{focal}");
 }
 
+/// A symmetric, positive matrix of three rows.
+fn covariance(value: &Value) -> Matrix3<f64> {
+    let rows = value.as_array().unwrap();
+    let rows: Vec<f64> = rows.iter().flat_map(numbers).collect();
+    let matrix = Matrix3::from_row_slice(&rows);
+    let skew = (matrix - matrix.transpose()).norm();
+    assert!(
+        skew <= 1e-12 * matrix.norm() && matrix.symmetric_eigenvalues().min() >= 0.0,
+        "{matrix}"
+    );
+    matrix
+}
+
+// Fails if a covariance is left out, in other axes or not that of the error.
+#[test]
+fn predictions_come_with_covariances() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = table(folder.path(), "tracks.csv", &tracks());
+    let found = json(&input, &[&CAMERA[..], &["--distance", "0,1,0.5"]].concat());
+    let prediction = found["prediction"].as_array().unwrap();
+    let attitude = |entry: &Value| {
+        let q = numbers(&entry["q"]);
+        UnitQuaternion::from_quaternion(Quaternion::new(q[3], q[0], q[1], q[2]))
+    };
+    let first = attitude(&prediction[0]);
+    assert!(covariance(&prediction[0]["turn_covariance"]).norm() < 1e-15);
+    for entry in &prediction[100..] {
+        let t = entry["t"].as_f64().unwrap();
+        let turn = attitude(entry) / first;
+        let error = (turn / (truth().attitude(t) / truth().attitude(60.0))).scaled_axis();
+        let spread = covariance(&entry["turn_covariance"]);
+        let off = error.dot(&(spread.try_inverse().unwrap() * error)).sqrt();
+        assert!(off < 5.0, "{t} s: {off}");
+    }
+    let axes: Vec<f64> = found["principal_axes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .flat_map(numbers)
+        .collect();
+    let axes = Matrix3::from_row_slice(&axes);
+    assert!((axes * axes.transpose() - Matrix3::identity()).norm() < 1e-9);
+    // The moments of the principal axes are J: in them, J w has the direction of the momentum.
+    let w = Vector3::from_row_slice(&numbers(&found["state"]["w"]));
+    let w_P = axes * (first.inverse() * w);
+    let J = Vector3::from_row_slice(&numbers(&found["J"]));
+    let momentum = first * (axes.transpose() * J.component_mul(&w_P));
+    let direction = Vector3::from_row_slice(&numbers(&found["momentum"]["direction"]));
+    assert!(
+        momentum.normalize().dot(&direction) > 1.0 - 1e-6,
+        "{momentum} {direction}"
+    );
+    covariance(&found["state"]["attitude_covariance"]);
+    covariance(&found["state"]["w_covariance"]);
+    assert_eq!(found["points"].as_array().unwrap().len(), 20);
+    let point = |k: usize| Vector3::from_row_slice(&numbers(&found["points"][k]["p"]));
+    assert!(((point(0) - point(1)).norm() - 0.5).abs() < 1e-9);
+    assert_eq!(found["centre"]["unit"], "m");
+    let without = json(&input, &CAMERA);
+    let notes = without["notes"].as_array().unwrap();
+    assert!(
+        notes
+            .iter()
+            .any(|n| n.as_str().unwrap().contains("scale is not determined"))
+    );
+}
+
+#[test]
+fn angular_velocity_is_fitted_by_maximum_likelihood() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = table(folder.path(), "rates.csv", &rates());
+    let found = json(&input, &[]);
+    assert_eq!(found["method"], "maximum_likelihood");
+    let error = prediction_error(&found).to_degrees();
+    assert!(error < 0.01, "{error} deg");
+}
+
 #[test]
 fn angular_velocity_is_analysed_by_the_thesis() {
     let folder = tempfile::tempdir().unwrap();
     let input = table(folder.path(), "rates.csv", &rates());
-    let found = json(&input, &[]);
+    let found = json(&input, &["--method", "masutani1995"]);
     assert_eq!(
         (&found["method"], &found["model"]),
         (&"masutani1995".into(), &"asymmetric".into())

@@ -23,7 +23,8 @@ fn the_filter_tracks_and_knows_how_well() {
         let tracks = view.tracks(&motion, &view.sphere());
         let (batch, rest) = tracks.frames().split_at(200);
         let batch = Tracks::new(batch.to_vec()).unwrap();
-        let solution = estimate(&batch, &view.camera, &Options::default()).unwrap();
+        // With torques as in orbit the filter would know less after the batch than at its end.
+        let solution = estimate(&batch, &view.camera, &Options::undisturbed()).unwrap();
         let mut filter = Filter::new(&solution, 0.0).unwrap();
         let (_, before) = filter.angular_velocity();
         for (i, frame) in rest.iter().enumerate() {

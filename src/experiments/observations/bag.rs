@@ -1,5 +1,5 @@
-//! Observations from a bag: `camera/features` with the camera's calibration, and the base's gyro with the mounting of the
-//! camera.
+//! Observations from a bag: `camera/features` with the camera's calibration, and the base's gyro with the mounting of
+//! the camera.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -14,12 +14,12 @@ use crate::{
         sensor_msgs::{CameraInfo, Imu},
     },
     nodes::{
-        estimator::StaticRotations,
-        features::{feature_frame_from_msg, pinhole_from_msg},
+        estimator::{StaticRotations, variance_of},
+        features::{camera_from_msg, feature_frame_from_msg},
         geometry::vector_from_msg,
     },
     ros::Time,
-    vision::{FeatureFrame, Pinhole},
+    vision::{Distortion, FeatureFrame, Pinhole},
 };
 
 const FEATURES: &str = "/camera/features";
@@ -57,10 +57,13 @@ pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
         ))),
         (Some((namespace, robot)), None) => {
             let rates = robot.camera_rates(&frames);
+            let gyro_noise = robot.gyro_noise();
             let tracks = Tracks::new(robot.frames);
             Ok(ObservedTracks {
                 tracks: tracks.map_err(|e| at(format!("{namespace}{FEATURES}: {e}")))?,
                 camera: robot.camera,
+                distortion: robot.distortion,
+                gyro_noise,
                 w_WC_C: rates,
             })
         }
@@ -73,6 +76,9 @@ struct Recorded {
     frames: Vec<FeatureFrame>,
     camera_frame: String,
     camera: Option<Pinhole>,
+    distortion: Option<Distortion>,
+    /// Variance of a sample of the gyro \[rad²/s²\], where known.
+    gyro_variance: Option<f64>,
     /// Angular velocity of the inertial measurement unit in its own axes, over time.
     gyro: Vec<(f64, Vector3<f64>)>,
     gyro_frame: String,
@@ -92,7 +98,8 @@ const TOPICS: [(&str, Take); 3] = [
         Ok(())
     }),
     ("/camera/camera_info", |robot, message| {
-        robot.camera = Some(pinhole_from_msg(&decode::<CameraInfo>(message)?)?);
+        let (camera, lens) = camera_from_msg(&decode::<CameraInfo>(message)?)?;
+        (robot.camera, robot.distortion) = (Some(camera), lens);
         Ok(())
     }),
     ("/imu", |robot, message| {
@@ -105,14 +112,22 @@ const TOPICS: [(&str, Take); 3] = [
         if robot.gyro.last().is_none_or(|(last, _)| *last < time) {
             robot.gyro.push((time, w));
         }
+        robot.gyro_variance = variance_of(&imu.angular_velocity_covariance);
         robot.gyro_frame = imu.header.frame_id;
         Ok(())
     }),
 ];
 
 impl Recorded {
-    /// Angular velocity of the camera in its own axes over time; empty unless a gyro was recorded and the camera is fixed
-    /// to it.
+    /// Random walk of the integrated gyro: the samples' deviation times the root of their interval \[rad/√s\].
+    fn gyro_noise(&self) -> Option<f64> {
+        let (first, last) = (self.gyro.first()?, self.gyro.last()?);
+        let interval = (last.0 - first.0) / self.gyro.len().saturating_sub(1).max(1) as f64;
+        Some((self.gyro_variance? * interval).sqrt())
+    }
+
+    /// Angular velocity of the camera in its own axes over time; empty unless a gyro was recorded and the camera is
+    /// fixed to it.
     fn camera_rates(&self, frames: &StaticRotations) -> Vec<(f64, Vector3<f64>)> {
         let Some(R_IC) = frames.rotation(&self.gyro_frame, &self.camera_frame) else {
             return Vec::new();

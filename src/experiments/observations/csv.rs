@@ -148,7 +148,9 @@ fn tracks(
     Ok(Observations::Tracks(ObservedTracks {
         tracks: Tracks::new(frames).map_err(|e| e.to_string())?,
         camera: None,
+        distortion: None,
         w_WC_C: Vec::new(),
+        gyro_noise: None,
     }))
 }
 

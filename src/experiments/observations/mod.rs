@@ -7,7 +7,10 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 
-use crate::{estimation::Tracks, vision::Pinhole};
+use crate::{
+    estimation::Tracks,
+    vision::{Distortion, Pinhole},
+};
 
 /// Observations of one body.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,9 +28,13 @@ pub struct ObservedTracks {
     pub tracks: Tracks,
     /// The camera, if the recording has its calibration.
     pub camera: Option<Pinhole>,
+    /// Its lens distortion, if the recording has it.
+    pub distortion: Option<Distortion>,
     /// The camera's own angular velocity over time, in its own axes \[rad/s\]; empty if it was not
     /// measured.
     pub w_WC_C: Vec<(f64, Vector3<f64>)>,
+    /// Random walk of the integrated gyro \[rad/√s\], from the covariance that its messages give.
+    pub gyro_noise: Option<f64>,
 }
 
 impl Observations {

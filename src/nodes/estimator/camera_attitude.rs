@@ -17,6 +17,10 @@ pub struct CameraAttitude {
     mounts: StaticRotations,
     /// The camera's attitude.
     pub gyro: GyroAttitude,
+    /// Variance of a sample \[rad²/s²\], where the messages give it.
+    variance: Option<f64>,
+    /// Time of the last sample, and the interval before it \[s\].
+    last: Option<(f64, f64)>,
 }
 
 impl CameraAttitude {
@@ -26,6 +30,14 @@ impl CameraAttitude {
     /// A line that names the first frame whose quaternion is not a rotation.
     pub fn take_frames(&mut self, message: TFMessage) -> Result<(), String> {
         self.mounts.take(message)
+    }
+
+    /// Random walk of the integrated gyro: the samples' deviation times the root of their interval \[rad/√s\]. `None`
+    /// if the messages do not give the deviation.
+    pub fn gyro_noise(&self) -> Option<f64> {
+        let (_, interval) = self.last?;
+        let noise = (self.variance? * interval).sqrt();
+        (noise > 0.0).then_some(noise)
     }
 
     /// Adds a measurement, for a camera with the optical frame `camera`.
@@ -44,9 +56,22 @@ impl CameraAttitude {
             return Err("angular_velocity is not finite".to_owned());
         }
         let time = Time::from(&imu.header.stamp).as_secs_f64();
+        self.variance = variance_of(&imu.angular_velocity_covariance);
+        self.last = match self.last {
+            Some((before, _)) if time > before => Some((time, time - before)),
+            Some(last) => Some(last),
+            None => Some((time, 0.0)),
+        };
         self.gyro.add(time, R_UC.inverse() * w_U);
         Ok(())
     }
+}
+
+/// Variance of one component of a gyro's sample \[rad²/s²\] from the covariance of a message, row by row: the mean of
+/// the diagonal. `None` if it is unknown: all zero, or -1 first, as `sensor_msgs/Imu` says.
+pub fn variance_of(covariance: &[f64; 9]) -> Option<f64> {
+    let mean = (covariance[0] + covariance[4] + covariance[8]) / 3.0;
+    (covariance[0] >= 0.0 && mean.is_finite() && mean > 0.0).then_some(mean)
 }
 
 /// Rotations of fixed frames in their parent frames, from `/tf_static`.

@@ -1,9 +1,9 @@
 //! Estimates as messages. All messages of one time are in the camera's axes C at that time.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use crate::{
-    estimation::MotionTracker,
+    estimation::{MotionState, MotionTracker},
     msg::{fuyu_msgs, geometry_msgs, nav_msgs, std_msgs::Header},
     nodes::geometry::{quaternion_to_msg, vector_to_msg},
     ros::Time,
@@ -39,8 +39,8 @@ impl Snapshot<'_> {
         self.R_IC.inverse() * self.tracker.motion().angular_velocity(self.time)
     }
 
-    /// `estimator/motion`.
-    pub fn motion(&self) -> fuyu_msgs::MotionEstimate {
+    /// `estimator/motion`, with the covariances of the rotation over `horizon` \[s\] at `rate` \[Hz\].
+    pub fn motion(&self, horizon: f64, rate: f64) -> fuyu_msgs::MotionEstimate {
         let motion = self.tracker.motion();
         let J = motion.J().unwrap_or_default();
         let mut covariance = [0.0; 16];
@@ -49,7 +49,30 @@ impl Snapshot<'_> {
             covariance.copy_from_slice(known.as_slice());
         }
         let direction = self.R_IC.inverse() * motion.momentum_direction();
+        let R_CI = *self.R_IC.inverse().to_rotation_matrix().matrix();
+        let state = self.tracker.state(self.time);
+        let turned = |m: Matrix3<f64>| -> [f64; 9] {
+            let m = R_CI * m * R_CI.transpose();
+            // Symmetric, so that columns are rows.
+            std::array::from_fn(|k| m.as_slice()[k])
+        };
+        let of_state = |get: fn(&MotionState) -> Matrix3<f64>| {
+            state.as_ref().map_or([0.0; 9], |s| turned(get(s)))
+        };
+        let steps = (horizon * rate + 1e-9).floor() as u32;
+        let prediction_times: Vec<f64> = (1..=steps).map(|k| f64::from(k) / rate).collect();
+        let times: Vec<f64> = prediction_times.iter().map(|t| self.time + t).collect();
+        let spreads = state.as_ref().map(|s| s.turn_covariances(&times));
+        let turn_covariances = spreads.into_iter().flatten().flat_map(turned);
         fuyu_msgs::MotionEstimate {
+            attitude_covariance: of_state(MotionState::attitude_covariance),
+            angular_velocity_covariance: of_state(|s| s.angular_velocity().1),
+            momentum_direction_covariance: of_state(MotionState::momentum_direction_covariance),
+            turn_covariances: turn_covariances.collect(),
+            prediction_times: match state {
+                Some(_) => prediction_times,
+                None => Vec::new(),
+            },
             header: self.header(self.time),
             method: self.tracker.method().name().to_owned(),
             model: motion.model().name().to_owned(),
@@ -76,8 +99,9 @@ impl Snapshot<'_> {
         }
     }
 
-    /// `estimator/prediction`: attitudes of F from this time on over `horizon` \[s\], at `rate` \[Hz\], in the camera's axes
-    /// at this time. Positions are not estimated and are zero.
+    /// `estimator/prediction`: attitudes of F from this time on over `horizon` \[s\], at `rate` \[Hz\], in the
+    /// camera's axes at this time. Positions are those of the centre of mass, in units of its depth when the batch
+    /// began; zero for a method without positions.
     pub fn prediction(&self, horizon: f64, rate: f64) -> nav_msgs::Path {
         let steps = (horizon * rate + 1e-9).floor() as u32;
         let time = |k: u32| self.time + f64::from(k) / rate;
@@ -88,6 +112,10 @@ impl Snapshot<'_> {
                 ..geometry_msgs::PoseStamped::default()
             };
             pose.pose.orientation = quaternion_to_msg(&R_CF);
+            if let Some(position) = self.tracker.position(time(k)) {
+                (pose.pose.position.x, pose.pose.position.y) = (position.x, position.y);
+                pose.pose.position.z = position.z;
+            }
             pose
         });
         nav_msgs::Path {

@@ -12,7 +12,7 @@ mod observer;
 mod params;
 mod solver;
 
-pub use camera_attitude::StaticRotations;
+pub use camera_attitude::{StaticRotations, variance_of};
 pub use params::EstimatorParams;
 
 use std::time::{Duration, Instant};
@@ -28,8 +28,8 @@ use observer::Observer;
 /// Longest wait for a message before the node checks whether the solver has finished.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// Queue length for frames and gyro samples, which accumulate when a recording is played fast. A lost gyro sample leaves
-/// a part of the camera's rotation unknown.
+/// Queue length for frames and gyro samples, which accumulate when a recording is played fast. A lost gyro sample
+/// leaves a part of the camera's rotation unknown.
 const QUEUE: usize = 1000;
 
 /// Time without features after which the node warns.

@@ -12,10 +12,16 @@ use super::{
 use std::time::Instant;
 
 use crate::{
-    estimation::{BatchSolution, GYRO_GAP, MotionTracker, TrackLoss, Tracks, bundle},
-    nodes::{camera::CAMERA_FRAME, features::pinhole_from_msg},
+    estimation::{
+        BatchSolution, GYRO_GAP, MotionTracker, TrackLoss, Tracks,
+        bundle::{self, Widths},
+    },
+    nodes::{
+        camera::CAMERA_FRAME,
+        features::{camera_from_msg, rectified},
+    },
     ros::{Node, Status, Time},
-    vision::{FeatureFrame, Pinhole},
+    vision::{Distortion, FeatureFrame, Pinhole},
 };
 
 /// Number of frame intervals without a frame after which the motion is extrapolated.
@@ -32,6 +38,7 @@ const LONGEST_PAUSE: f64 = 10.0;
 pub struct Observer {
     params: EstimatorParams,
     camera: Option<Pinhole>,
+    lens: Option<Distortion>,
     /// Name of the camera's optical frame.
     pub camera_frame: String,
     attitude: CameraAttitude,
@@ -69,6 +76,7 @@ impl Observer {
         motion_status.warn("not estimated yet: no frames");
         Self {
             camera: params.camera,
+            lens: None,
             camera_frame: CAMERA_FRAME.to_owned(),
             attitude: CameraAttitude::default(),
             gyro_restarts: 0,
@@ -96,8 +104,8 @@ impl Observer {
         if let Some(received) = topics.camera_info.latest()
             && self.params.camera.is_none()
         {
-            match pinhole_from_msg(&received.message) {
-                Ok(camera) => self.camera = Some(camera),
+            match camera_from_msg(&received.message) {
+                Ok((camera, lens)) => (self.camera, self.lens) = (Some(camera), lens),
                 Err(problem) => {
                     let topic = topics.camera_info.topic();
                     self.camera_status.error(format!("{topic}: {problem}"));
@@ -160,6 +168,10 @@ impl Observer {
 
     /// Adds a frame that arrived at `now` to the queue for [`Observer::update_motion`].
     pub fn queue_frame(&mut self, frame: FeatureFrame, now: Instant) {
+        let frame = match &self.camera {
+            Some(camera) => rectified(frame, camera, self.lens.as_ref()),
+            None => frame,
+        };
         self.queue.push(frame, now);
     }
 
@@ -246,8 +258,8 @@ impl Observer {
         self.reset_reason = Some(why.to_owned());
     }
 
-    /// Publishes the angular velocity at `time` \[s\], and the motion if that is due. Nothing is published for a time before
-    /// that of an earlier message: the extrapolation goes beyond the frames that arrive after it.
+    /// Publishes the angular velocity at `time` \[s\], and the motion if that is due. Nothing is published for a time
+    /// before that of an earlier message: the extrapolation goes beyond the frames that arrive after it.
     fn publish(&mut self, time: f64, topics: &Topics) {
         if self.tracker.is_some() && !self.published.advance(time) {
             return;
@@ -272,8 +284,8 @@ impl Observer {
         let Some(snapshot) = self.snapshot(time) else {
             return;
         };
-        topics.motion.publish(&snapshot.motion());
         let (horizon, rate) = (self.params.horizon, self.params.prediction_rate);
+        topics.motion.publish(&snapshot.motion(horizon, rate));
         topics
             .prediction
             .publish(&snapshot.prediction(horizon, rate));
@@ -289,8 +301,8 @@ impl Observer {
         })
     }
 
-    /// Publishes the extrapolated motion while no frames arrive, until the end of the last prediction. `now` is the node's
-    /// time.
+    /// Publishes the extrapolated motion while no frames arrive, until the end of the last prediction. `now` is the
+    /// node's time.
     pub fn coast(&mut self, now: Time, topics: &Topics) {
         let (Some((stamp, arrived)), Some(published_at)) = (self.newest, self.published_at) else {
             return;
@@ -304,8 +316,9 @@ impl Observer {
         }
     }
 
-    /// Submits the frames of the window to the solver, if it is idle and a batch is due: after every solve period, which
-    /// grows with the time that a batch takes, and once frames have stopped, so that the last batch has them all.
+    /// Submits the frames of the window to the solver, if it is idle and a batch is due: after every solve period,
+    /// which grows with the time that a batch takes, and once frames have stopped, so that the last batch has them
+    /// all.
     pub fn solve(&mut self, now: Time) {
         let (Some(camera), Some((_, newest))) = (self.camera, self.tracks.span()) else {
             return;
@@ -335,7 +348,11 @@ impl Observer {
             camera,
             options: bundle::Options {
                 pixel_noise: self.params.pixel_noise,
-                estimate_focal_length: self.params.estimate_focal_length,
+                widths: Widths {
+                    gyro_noise: (self.attitude.gyro_noise())
+                        .unwrap_or(self.params.widths.gyro_noise),
+                    ..self.params.widths
+                },
                 camera_motion: self.attitude.gyro.motion(),
                 ..bundle::Options::default()
             },

@@ -1,6 +1,11 @@
 //! Parameters of the estimator node.
 
-use crate::{estimation::EstimationMethod, nodes::choice, ros::Declare, vision::Pinhole};
+use crate::{
+    estimation::{EstimationMethod, bundle::Widths},
+    nodes::choice,
+    ros::Declare,
+    vision::Pinhole,
+};
 
 /// Parameters of the estimator node, read at the start.
 #[derive(Debug, Clone)]
@@ -11,8 +16,8 @@ pub struct EstimatorParams {
     pub window: f64,
     /// Time between the starts of two batch solutions \[s\].
     pub solve_period: f64,
-    /// Largest share of a core for batch solutions: the next one starts when the last one's duration is this share of the
-    /// time \[s\] between the two.
+    /// Largest share of a core for batch solutions: the next one starts when the last one's duration is this share of
+    /// the time \[s\] between the two.
     pub solver_share: f64,
     /// Whether a filter corrects the last batch solution by every frame.
     pub filter: bool,
@@ -24,8 +29,8 @@ pub struct EstimatorParams {
     pub horizon: f64,
     /// Attitudes per second of the prediction \[Hz\].
     pub prediction_rate: f64,
-    /// Whether the focal length is estimated as well.
-    pub estimate_focal_length: bool,
+    /// Prior widths of torques, errors of the gyro and of the calibration.
+    pub widths: Widths,
     /// Standard deviation of an image coordinate \[px\].
     pub pixel_noise: f64,
     /// Whether the camera's own rotation is removed with the base's gyro.
@@ -105,6 +110,52 @@ impl EstimatorParams {
             100.0,
             "Standard deviation of an image coordinate [px]; that of rounding to whole pixels is 0.3",
         );
+        let usual = Widths::default();
+        let widths = Widths {
+            acceleration: number(
+                "angular_acceleration",
+                usual.acceleration,
+                0.0,
+                1.0,
+                "Standard deviation of the target's angular acceleration by torques [rad/s^2]; the default is for low Earth orbit",
+            ),
+            focal: number(
+                "focal_length_deviation",
+                usual.focal,
+                0.0,
+                1.0,
+                "Standard deviation of the focal length, relative to it; it is estimated unless this is 0",
+            ),
+            centre: number(
+                "principal_point_deviation",
+                usual.centre,
+                0.0,
+                1.0,
+                "Standard deviation of the principal point, over the focal length; it is estimated unless this is 0",
+            ),
+            radial: number(
+                "radial_distortion_deviation",
+                usual.radial,
+                0.0,
+                1.0,
+                "Standard deviation of the first radial coefficient of the distortion that remains",
+            ),
+            gyro_noise: number(
+                "gyro_noise",
+                usual.gyro_noise,
+                0.0,
+                1.0,
+                "Random walk of the integrated gyro, if the messages on imu give no covariance [rad/sqrt(s)]",
+            ),
+            gyro_bias: number(
+                "gyro_bias",
+                usual.gyro_bias,
+                0.0,
+                1.0,
+                "Standard deviation of the gyro's bias [rad/s]; it is estimated",
+            ),
+            ..usual
+        };
         let mut intrinsic = |name: &str, text: &str| {
             number(
                 &format!("camera.{name}"),
@@ -125,11 +176,6 @@ impl EstimatorParams {
         let mut flag = |name: &str, default: bool, text: &str| {
             declare.param(name, default, text).read_only().value()
         };
-        let estimate_focal_length = flag(
-            "estimate_focal_length",
-            false,
-            "Whether the focal length is estimated as well",
-        );
         let filter = flag(
             "filter",
             true,
@@ -164,7 +210,7 @@ impl EstimatorParams {
             prediction_period,
             horizon,
             prediction_rate,
-            estimate_focal_length,
+            widths,
             pixel_noise,
             use_imu,
             camera,

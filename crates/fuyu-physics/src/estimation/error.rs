@@ -40,8 +40,9 @@ pub enum EstimateError {
     },
     /// No rigid body explains the images.
     #[error(
-        "no rotating rigid body explains the tracks ({consistent} of {frames} frames fit together); check the ids and \
-         the camera's focal length"
+        "no rotating rigid body explains the tracks ({consistent} of {frames} frames fit together); check the ids, the \
+         camera's focal length, the noise of the images (--pixel-noise), and that the body turns by less than half a turn \
+         between frames"
     )]
     NotRigid {
         /// Number of frames that fit together.
@@ -51,12 +52,35 @@ pub enum EstimateError {
     },
     /// The body is rigid, but its motion is not torque-free.
     #[error(
-        "the images are those of a rigid body, but torque-free rotation leaves residuals of {rms:.1} px; does the \
-         camera rotate, or does a torque act?"
+        "the images are those of a rigid body, but torque-free rotation leaves residuals of {rms:.1} px: are they noisier \
+         than assumed (--pixel-noise), does the body turn by more than half a turn between frames, does the camera \
+         rotate (--gyro), or was the body pushed?"
     )]
     NotFree {
         /// Root mean square of the residuals \[px\].
         rms: f64,
+    },
+    /// There are too few angular velocities.
+    #[error("there are {have} angular velocities; at least {need} are needed")]
+    TooFewRates {
+        /// Number of samples.
+        have: usize,
+        /// Number of samples that are needed.
+        need: usize,
+    },
+    /// Angular velocities are not a series in time.
+    #[error("angular velocities: {0}")]
+    Rates(String),
+    /// No torque-free motion has these angular velocities.
+    #[error(
+        "torque-free rotation leaves residuals of {rms:.2e} rad/s of at most {size:.2e} rad/s: are these the angular \
+         velocities of a free rigid body in inertial axes, sampled often enough?"
+    )]
+    NotFreeRates {
+        /// Root mean square of the residuals \[rad/s\].
+        rms: f64,
+        /// Largest angular velocity \[rad/s\].
+        size: f64,
     },
     /// Other motions explain the images equally well.
     #[error(

@@ -3,9 +3,9 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{
-    EstimateError, MotionEstimate, Tracks, TracksError,
+    EstimateError, MotionEstimate, MotionState, Tracks, TracksError,
     bundle::{self, CameraMotion},
-    degenerate,
+    degenerate, fit_rates,
     masutani1995::{self, Rate},
 };
 use crate::vision::{Feature, FeatureFrame, Pinhole};
@@ -21,13 +21,16 @@ pub enum EstimationMethod {
     Bundle,
     /// Masutani 1995, chapter 2: [`masutani1995`].
     Masutani1995,
+    /// Torque-free rotation fitted to angular velocities by maximum likelihood: [`fit_rates`].
+    MaximumLikelihood,
 }
 
 impl EstimationMethod {
     /// All methods by name, the default first.
-    pub const NAMES: [(&'static str, Self); 2] = [
+    pub const NAMES: [(&'static str, Self); 3] = [
         ("bundle", Self::Bundle),
         ("masutani1995", Self::Masutani1995),
+        ("maximum_likelihood", Self::MaximumLikelihood),
     ];
 
     /// The method's name.
@@ -61,11 +64,13 @@ pub struct Estimated {
     pub method: EstimationMethod,
     /// The motion, in inertial axes I: those of [`CameraMotion`], or the camera's if that is fixed.
     pub motion: MotionEstimate,
-    /// Angular velocities over time in I \[rad/s\]: the fitted ones at each frame (bundle adjustment), or those measured
-    /// between frames (Masutani 1995).
+    /// Angular velocities over time in I \[rad/s\]: the fitted ones at each frame (bundle adjustment), or those
+    /// measured between frames (Masutani 1995).
     pub w_IB_I: Vec<Rate>,
     /// Full result of bundle adjustment; `None` for the other method.
     pub solution: Option<bundle::Solution>,
+    /// State at the last observation with its covariance; `None` for the method of Masutani 1995.
+    pub state: Option<MotionState>,
     /// Remarks for the user, one line each.
     pub diagnosis: Vec<String>,
 }
@@ -134,10 +139,11 @@ pub fn estimate(
                     .collect(),
                 motion: solution.motion.clone(),
                 diagnosis: solution.diagnosis.clone(),
+                state: Some(solution.state.clone()),
                 solution: Some(solution),
             })
         }
-        EstimationMethod::Masutani1995 => {
+        EstimationMethod::Masutani1995 | EstimationMethod::MaximumLikelihood => {
             degenerate::check(tracks, options.pixel_noise).map_err(MethodError::Degenerate)?;
             let at_rest = options.camera_motion == CameraMotion::Fixed;
             let derotated = match at_rest {
@@ -145,7 +151,11 @@ pub fn estimate(
                 false => Some(derotated(tracks, camera, &options.camera_motion)?),
             };
             let tracks = derotated.as_ref().unwrap_or(tracks);
-            from_rates(&masutani1995::rates_from_tracks(tracks, camera)?)
+            let rates = masutani1995::rates_from_tracks(tracks, camera)?;
+            match method {
+                EstimationMethod::MaximumLikelihood => Ok(fit_rates(&rates, &options.widths)?),
+                _ => from_rates(&rates),
+            }
         }
     }
 }
@@ -169,6 +179,7 @@ pub fn from_rates(rates: &[Rate]) -> Result<Estimated, MethodError> {
         motion,
         w_IB_I: rates.to_vec(),
         solution: None,
+        state: None,
         diagnosis: is_wrong.then_some(note).into_iter().collect(),
     })
 }
@@ -192,8 +203,8 @@ fn derotated(
 }
 
 impl Estimated {
-    /// Attitude `R_CB` and angular velocity `w_IB_C` \[rad/s\] of the body at `time` \[s\], in the axes C of a camera with
-    /// attitude `R_IC`.
+    /// Attitude `R_CB` and angular velocity `w_IB_C` \[rad/s\] of the body at `time` \[s\], in the axes C of a camera
+    /// with attitude `R_IC`.
     pub fn seen_from(
         &self,
         R_IC: &UnitQuaternion<f64>,

@@ -1,6 +1,6 @@
 //! The estimated motion: result of every estimation method.
 
-use nalgebra::{Matrix4, UnitQuaternion, UnitVector3, Vector3};
+use nalgebra::{Matrix3, Matrix4, UnitQuaternion, UnitVector3, Vector3};
 
 use super::free_body::{DynamicParameters, FreeRotation, SolutionKind};
 
@@ -74,6 +74,11 @@ impl MotionEstimate {
     /// Direction of the angular momentum in camera axes.
     pub fn momentum_direction(&self) -> UnitVector3<f64> {
         self.rotation.momentum_direction()
+    }
+
+    /// The principal axes in body axes B, by rows, in the order of `J`. `None` if the model does not determine them.
+    pub fn principal_axes(&self) -> Option<Matrix3<f64>> {
+        self.rotation.principal_axes()
     }
 
     /// Reference time of the motion \[s\].

@@ -1,9 +1,10 @@
 //! Motion tracker: the current motion from frame to frame, from the last batch solution and a filter that continues it.
 
-use nalgebra::UnitQuaternion;
+use nalgebra::{UnitQuaternion, Vector3};
 
+use super::change_detector::ChangeDetector;
 use super::{
-    Estimated, EstimationMethod, MotionEstimate,
+    Disturbance, Estimated, EstimationMethod, MotionEstimate, MotionState,
     filter::{Filter, Update},
 };
 use crate::vision::FeatureFrame;
@@ -69,6 +70,7 @@ pub struct MotionTracker {
     /// Number of frames that fitted, including those of earlier solutions.
     fits: u32,
     misfits: Misfits,
+    changes: ChangeDetector,
 }
 
 /// Why the track of the motion was lost.
@@ -110,15 +112,17 @@ impl MotionTracker {
             last: None,
             fits: 0,
             misfits: Misfits::default(),
+            changes: ChangeDetector::new(0.0),
         };
+        tracker.changes = ChangeDetector::new(tracker.batch.span.1);
         for (frame, R_IC) in later {
             tracker.update(frame, &R_IC);
         }
         tracker
     }
 
-    /// Replaces this tracker by `next` at `time` \[s\], with the persistent body axes of this one, unless the prediction of
-    /// `next` over `horizon` \[s\] is much less certain (few frames since a gap, for example).
+    /// Replaces this tracker by `next` at `time` \[s\], with the persistent body axes of this one, unless the
+    /// prediction of `next` over `horizon` \[s\] is much less certain (few frames since a gap, for example).
     #[must_use]
     pub fn replaced_by(self, mut next: Self, time: f64, horizon: f64) -> Self {
         let deviation =
@@ -131,7 +135,13 @@ impl MotionTracker {
         }
         if self.misfits.count == 0 {
             next.fits = next.fits.saturating_add(self.fits);
+        } else if next.misfits.count > 0 {
+            // The new solution does not fit the newest frames either: go on counting.
+            next.misfits.since = next.misfits.since.min(self.misfits.since);
+            next.misfits.count = next.misfits.count.max(self.misfits.count);
+            next.fits = next.fits.max(self.fits);
         }
+        next.changes.inherit(&self.changes);
         next.R_BF = next.motion.attitude(time).inverse() * self.motion.attitude(time) * self.R_BF;
         next
     }
@@ -154,12 +164,13 @@ impl MotionTracker {
             return None;
         }
         let update = filter.update(frame, R_IC);
-        if let Some(motion) = filter.estimate() {
-            self.motion = motion;
-        }
         self.last = Some(update);
+        // A frame that corrects nothing leaves the motion as it is.
         if update.used > 0 {
             self.corrected = frame.time;
+            if let Some(motion) = filter.estimate() {
+                self.motion = motion;
+            }
         }
         let known = update.used + update.rejected;
         if known < MIN_KNOWN_POINTS {
@@ -168,7 +179,9 @@ impl MotionTracker {
         if 2 * update.used >= known {
             self.misfits.count = 0;
             self.fits = self.fits.saturating_add(1);
-            return None;
+            let changed = self.changes.add(frame.time, &update.innovation)?;
+            return (self.fits >= FITS_FOR_CONFIRMATION)
+                .then_some(TrackLoss::MotionChanged(changed));
         }
         if self.misfits.count == 0 {
             self.misfits.since = frame.time;
@@ -192,6 +205,29 @@ impl MotionTracker {
     /// The motion, in inertial axes.
     pub fn motion(&self) -> &MotionEstimate {
         &self.motion
+    }
+
+    /// The state with its covariance, propagated to `time` \[s\]; `None` if the method has none.
+    pub fn state(&self, time: f64) -> Option<MotionState> {
+        let known = match &self.filter {
+            Some(filter) => Some(filter.state()),
+            None => self.batch.estimated.state.as_ref(),
+        };
+        let mut state = known?.clone();
+        if time > state.motion.time {
+            state.predict(time, &Disturbance::NONE);
+        }
+        Some(state)
+    }
+
+    /// Position of the body's origin at `time` \[s\] in camera axes, in the unit of the batch solution: that of the
+    /// centre of mass, if its path is known, else that in the last frame. `None` if the method has none.
+    pub fn position(&self, time: f64) -> Option<Vector3<f64>> {
+        let solution = self.batch.estimated.solution.as_ref()?;
+        match &solution.centre {
+            Some(centre) => Some(centre.position + centre.velocity * (time - self.batch.span.1)),
+            None => solution.poses.last().map(|pose| pose.t_C),
+        }
     }
 
     /// Rotation from the persistent body axes F to the body axes of [`MotionTracker::motion`].
@@ -242,7 +278,7 @@ mod tests {
         spatial::Pose,
         vision::{BodyPoint, Feature, FeatureCamera, FeatureCameraConfig, Pinhole},
     };
-    use nalgebra::{Matrix3, Translation3, Vector3};
+    use nalgebra::{Matrix3, Translation3};
 
     fn truth() -> FreeRotation {
         let inertia = Matrix3::from_diagonal(&Vector3::new(7.0, 4.0, 3.0));
@@ -418,8 +454,8 @@ mod tests {
         assert!(error < 3e-3, "{error}");
     }
 
-    // A feature tracker that gives every id to another point, once or in every frame. No frame may change the motion, and
-    // after the tenth the earlier tracks are given up; the later ones are a window of their own.
+    // A feature tracker that gives every id to another point, once or in every frame. No frame may change the motion,
+    // and after the tenth the earlier tracks are given up; the later ones are a window of their own.
     #[test]
     fn when_every_id_is_given_to_another_point_the_motion_is_kept_and_then_lost() {
         let before = tracker_from(frames(0..120), &frames(120..150));
@@ -458,8 +494,8 @@ mod tests {
         );
     }
 
-    // A feature tracker that restarts gives new ids. These do not contradict the motion, which is extrapolated until the next
-    // batch has the new points; body axes persist.
+    // A feature tracker that restarts gives new ids. These do not contradict the motion, which is extrapolated until
+    // the next batch has the new points; body axes persist.
     #[test]
     fn new_ids_leave_the_motion_unchanged_until_the_next_batch() {
         let mut old = tracker_from(frames(0..120), &frames(120..150));

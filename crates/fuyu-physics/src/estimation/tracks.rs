@@ -1,6 +1,6 @@
 //! Feature tracks: the image points of one body over time.
 
-use crate::vision::FeatureFrame;
+use crate::vision::{Distortion, DistortionError, Feature, FeatureFrame, Pinhole};
 
 /// Frames of image points of one body, in the order of time. Every pixel is finite, and no frame has an id twice.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -120,6 +120,24 @@ impl Tracks {
         }
         self.frames.push(feature_frame);
         Ok(())
+    }
+
+    /// The tracks as a camera without distortion would show them.
+    ///
+    /// # Errors
+    /// [`DistortionError::Outside`] if the lens shows nothing where a point is said to be.
+    pub fn rectified(&self, lens: &Distortion, camera: &Pinhole) -> Result<Self, DistortionError> {
+        let frames = self.frames.iter().map(|frame| {
+            let features = frame.features.iter().map(|f| {
+                let [u, v] = lens.rectify(camera, f.u, f.v)?;
+                Ok(Feature { id: f.id, u, v })
+            });
+            let features = features.collect::<Result<_, DistortionError>>()?;
+            Ok(FeatureFrame::new(frame.time, features))
+        });
+        Ok(Self {
+            frames: frames.collect::<Result<_, DistortionError>>()?,
+        })
     }
 
     /// Forgets the frames before `time` \[s\].

@@ -2,6 +2,7 @@
 //! tracker, and how accurate they are.
 
 mod delay_line;
+mod distortion;
 mod exposure_schedule;
 mod feature_camera;
 mod feature_frame;
@@ -11,6 +12,7 @@ mod pixel_noise;
 mod pose_camera;
 mod star_tracker;
 
+pub use distortion::{Distortion, DistortionError};
 pub use feature_camera::{BodyPoint, FeatureCamera, FeatureCameraConfig};
 pub use feature_frame::{Feature, FeatureFrame};
 pub use pinhole::{Pinhole, PinholeError};

@@ -203,7 +203,7 @@ crate::messages! {
         /// The time at which the motion is stated; the camera's optical frame, whose axes at that time are
         /// meant wherever this message says camera axes.
         header: Header,
-        /// How it was estimated, `bundle` or `masutani1995`.
+        /// How it was estimated, `bundle`, `maximum_likelihood` or `masutani1995`.
         method: String,
         /// Solution of Euler's equations that describes it: `asymmetric`, `aperiodic`, `axisymmetric` or
         /// `single_axis`.
@@ -229,6 +229,17 @@ crate::messages! {
         residual: f64,
         /// Covariance of j_x, j_y, j_z and alpha, row by row \[s4\]; all zero where the method has none.
         covariance: [f64; 16],
+        /// Covariance of reference_attitude, as a rotation in camera axes, row by row \[rad2\]; this and the other
+        /// covariances are all zero where the method has none.
+        attitude_covariance: [f64; 9],
+        /// Covariance of angular_velocity, row by row \[rad2/s2\].
+        angular_velocity_covariance: [f64; 9],
+        /// Covariance of momentum_direction, row by row \[rad2\].
+        momentum_direction_covariance: [f64; 9],
+        /// Times after header.stamp \[s\] of the predicted rotations whose covariances follow.
+        prediction_times: Vec<f64>,
+        /// Covariance of the predicted rotation since header.stamp, in camera axes, nine values for each time \[rad2\].
+        turn_covariances: Vec<f64>,
         /// Frames that were used.
         frames: u32,
         /// Seconds that they span.

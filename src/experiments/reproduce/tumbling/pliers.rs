@@ -95,7 +95,7 @@ pub(super) fn pliers(mut report: Report) -> Report {
     match bundle::estimate(
         &tracks,
         &chapter::camera(RESOLUTION),
-        &bundle::Options::default(),
+        &bundle::Options::undisturbed(),
     ) {
         Err(_) => report.holds("bundle adjustment answers [-]", f64::NAN, false),
         Ok(solution) => {

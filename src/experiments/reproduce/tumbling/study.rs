@@ -148,8 +148,8 @@ impl Study {
                 && (index % momenta).is_multiple_of(STEPS.1))
     }
 
-    /// The sweep by one method, computed once; bundle adjustment needs images. Motions for which the method is not evaluated
-    /// ([`Study::is_evaluated`]) have no errors.
+    /// The sweep by one method, computed once; bundle adjustment needs images. Motions for which the method is not
+    /// evaluated ([`Study::is_evaluated`]) have no errors.
     pub fn cells(&self, method: EstimationMethod) -> Arc<Vec<Cell>> {
         static DONE: Mutex<Vec<Sweep>> = Mutex::new(Vec::new());
         let done = || DONE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -188,6 +188,7 @@ impl Study {
                 Ok(truth) => match method {
                     EstimationMethod::Masutani1995 => by_thesis(&truth, condition),
                     EstimationMethod::Bundle => by_bundle(&truth, condition),
+                    EstimationMethod::MaximumLikelihood => Cell::NONE,
                 },
             };
             bar.inc(1);
@@ -266,7 +267,7 @@ fn by_bundle(truth: &FreeRotation, condition: Condition<'_>) -> Cell {
     };
     let tracks = chapter::tracks(truth, resolution, points);
     let camera = chapter::camera(resolution);
-    match bundle::estimate(&tracks, &camera, &bundle::Options::default()) {
+    match bundle::estimate(&tracks, &camera, &bundle::Options::undisturbed()) {
         Err(_) => Cell::NONE,
         Ok(solution) => Cell {
             model: Some(solution.motion.model()),

@@ -3,12 +3,18 @@
 //! Levenberg-Marquardt with a [`PixelLikelihood`] for each image point and a weak prior on depths. A [`PoseModel`]
 //! gives the poses: one independent pose per frame, or attitudes from a motion model.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
+use std::ops::Range;
 
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+use super::intrinsics::INTRINSICS;
 use super::pixel_likelihood::PixelLikelihood;
 use super::pose_model::{FramePose, PoseModel};
-use super::scene::{MIN_DEPTH, Scene};
+use super::scene::Scene;
 use super::schur::{Step, System};
+
+/// Unknowns of a frame: pose and intrinsics.
+const FRAME: usize = 6 + INTRINSICS;
 
 /// Cost function and stopping criteria of an adjustment.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -89,16 +95,36 @@ pub fn adjust<const L: usize, const G: usize, M: PoseModel<L, G>>(
     Some(AdjustOutcome { cost, steps })
 }
 
-/// Information on the common parameters with everything else marginalised out \[per px²\].
-pub fn information<const L: usize, const G: usize, M: PoseModel<L, G>>(
+/// Normal equations of the common unknowns, with everything else eliminated \[px²\].
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReducedNormal<const G: usize> {
+    /// Hessian of the cost, with that of the prior.
+    pub hessian: SMatrix<f64, G, G>,
+    /// Gradient of the cost, with that of the prior.
+    pub gradient: SVector<f64, G>,
+    /// Covariance of each point in units of the residuals' variance; empty if not wanted.
+    pub points: Vec<Matrix3<f64>>,
+}
+
+/// Reduced normal equations at a fit; with the points' covariances if `with_points`.
+pub fn reduced_normal<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &M,
     points: &[Vector3<f64>],
     likelihood: &PixelLikelihood,
-) -> Option<SMatrix<f64, G, G>> {
+    with_points: bool,
+) -> Option<ReducedNormal<G>> {
     let mut system = System::<L, G>::new(scene.points);
     linearise(scene, motion, points, likelihood, &mut system);
-    system.marginal_information()
+    let (hessian, gradient) = system.marginal()?;
+    Some(ReducedNormal {
+        hessian,
+        gradient,
+        points: match with_points {
+            true => system.point_covariances()?,
+            false => Vec::new(),
+        },
+    })
 }
 
 fn apply<const L: usize, const G: usize, M: PoseModel<L, G>>(
@@ -118,21 +144,14 @@ fn total_cost<const L: usize, const G: usize, M: PoseModel<L, G>>(
     points: &[Vector3<f64>],
     likelihood: &PixelLikelihood,
 ) -> Option<f64> {
-    let focal = scene.focal * motion.log_focal().exp();
+    let lens = motion.intrinsics().lens(&scene.focal);
     let mut cost = 0.0;
     for i in 0..scene.len() {
         let FramePose { R_CB, t_C } = motion.pose(i);
         let R = R_CB.to_rotation_matrix();
         for observation in scene.frame(i).iter().filter(|s| s.inlier) {
             let x = R * points[observation.point] + t_C;
-            if x.z < MIN_DEPTH {
-                return None;
-            }
-            let inverse = 1.0 / x.z;
-            cost += likelihood.cost(&Vector2::new(
-                focal.x * x.x * inverse - observation.pixel.x,
-                focal.y * x.y * inverse - observation.pixel.y,
-            ));
+            cost += likelihood.cost(&(lens.project(&x)? - observation.pixel));
             let depth = scene.anchor(observation.point) * (x.z - 1.0);
             cost += 0.5 * depth * depth;
         }
@@ -150,35 +169,45 @@ fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
     system: &mut System<L, G>,
 ) {
     system.clear();
-    let focal = scene.focal * motion.log_focal().exp();
+    let lens = motion.intrinsics().lens(&scene.focal);
+    // Unknowns of a frame: rotation (3), translation (3), and the model's intrinsics.
+    let unknowns = 6 + M::CAMERA;
     for i in 0..scene.len() {
         let FramePose { R_CB, t_C } = motion.pose(i);
         let R = *R_CB.to_rotation_matrix().matrix();
         let pose = motion.pose_by_common(i);
         let common_by_pose = pose.transpose();
-        let mut H = SMatrix::<f64, 7, 7>::zeros();
-        let mut g = SVector::<f64, 7>::zeros();
+        // Most common unknowns act either on rotation or on position.
+        let spans: [Range<usize>; 6] = std::array::from_fn(|k| {
+            let column = &common_by_pose.as_slice()[k * G..(k + 1) * G];
+            let first = column.iter().position(|x| *x != 0.0).unwrap_or(G);
+            first
+                ..column
+                    .iter()
+                    .rposition(|x| *x != 0.0)
+                    .map_or(G, |last| last + 1)
+        });
+        let mut H = SMatrix::<f64, FRAME, FRAME>::zeros();
+        let mut g = SVector::<f64, FRAME>::zeros();
         for observation in scene.frame(i).iter().filter(|s| s.inlier) {
             let p = points[observation.point];
-            let Rp = R * p;
-            let x = Rp + t_C;
-            let inverse = 1.0 / x.z.max(MIN_DEPTH);
-            let (u, v) = (focal.x * x.x * inverse, focal.y * x.y * inverse);
-            let expansion = likelihood.expand(&(Vector2::new(u, v) - observation.pixel));
+            let x = R * p + t_C;
+            let projected = lens.expand(&x);
+            let expansion = likelihood.expand(&(projected.pixel - observation.pixel));
             // Scaled residuals and rows of J, so that ½ r² has the slope and curvature of the cost.
             let root = expansion.curvature.map(f64::sqrt);
             let anchor = scene.anchor(observation.point);
             let scaled = expansion.slope.component_div(&root);
             let r = Vector3::new(scaled.x, scaled.y, anchor * (x.z - 1.0));
-            #[rustfmt::skip]
-            let by_x = Matrix3::new(
-                root.x * focal.x * inverse, 0.0, -root.x * u * inverse,
-                0.0, root.y * focal.y * inverse, -root.y * v * inverse,
-                0.0, 0.0, anchor,
-            );
+            let mut by_x = Matrix3::zeros();
+            for k in 0..3 {
+                by_x[(0, k)] = root.x * projected.by_x[(0, k)];
+                by_x[(1, k)] = root.y * projected.by_x[(1, k)];
+            }
+            by_x[(2, 2)] = anchor;
             let by_p = by_x * R;
             // x = R exp([θ×]) p + t: by θ it is -R [p×], and by_p [p×] has the rows of by_p crossed with p.
-            let mut J = SMatrix::<f64, 3, 7>::zeros();
+            let mut J = SMatrix::<f64, 3, FRAME>::zeros();
             for row in 0..3 {
                 let a = Vector3::new(by_p[(row, 0)], by_p[(row, 1)], by_p[(row, 2)]);
                 let c = p.cross(&a);
@@ -187,43 +216,57 @@ fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
                     J[(row, 3 + k)] = by_x[(row, k)];
                 }
             }
-            J[(0, 6)] = root.x * u;
-            J[(1, 6)] = root.y * v;
-            for a in 0..7 {
+            for k in 0..M::CAMERA {
+                J[(0, 6 + k)] = root.x * projected.by_intrinsics[(0, k)];
+                J[(1, 6 + k)] = root.y * projected.by_intrinsics[(1, k)];
+            }
+            for a in 0..unknowns {
                 for b in 0..=a {
                     H[(a, b)] +=
                         J[(0, a)] * J[(0, b)] + J[(1, a)] * J[(1, b)] + J[(2, a)] * J[(2, b)];
                 }
+                g[a] += J[(0, a)] * r.x + J[(1, a)] * r.y + J[(2, a)] * r.z;
             }
-            g += J.tr_mul(&r);
             system.add_point(observation.point, &by_p.tr_mul(&by_p), &by_p.tr_mul(&r));
-            let H_7p: SMatrix<f64, 7, 3> = J.tr_mul(&by_p);
-            let H_lp = SMatrix::<f64, L, 3>::from_fn(|a, b| H_7p[(6 - L + a, b)]);
+            let mut H_fp = SMatrix::<f64, FRAME, 3>::zeros();
+            for b in 0..3 {
+                for a in 0..unknowns {
+                    H_fp[(a, b)] = J[(0, a)] * by_p[(0, b)]
+                        + J[(1, a)] * by_p[(1, b)]
+                        + J[(2, a)] * by_p[(2, b)];
+                }
+            }
+            let H_lp = SMatrix::<f64, L, 3>::from_fn(|a, b| H_fp[(6 - L + a, b)]);
             system.couple(observation.point, H_lp);
             let H_gp = system.with_common(observation.point);
             for (b, column) in H_gp.as_mut_slice().chunks_exact_mut(G).enumerate() {
                 for (k, common) in common_by_pose.as_slice().chunks_exact(G).enumerate() {
-                    for (sum, part) in column.iter_mut().zip(common) {
-                        *sum += part * H_7p[(k, b)];
+                    let span = spans[k].clone();
+                    for (sum, part) in column[span.clone()].iter_mut().zip(&common[span]) {
+                        *sum += part * H_fp[(k, b)];
                     }
                 }
-                column[G - 1] += H_7p[(6, b)];
+                for k in 0..M::CAMERA {
+                    column[G - M::CAMERA + k] += H_fp[(6 + k, b)];
+                }
             }
         }
         H.fill_upper_triangle_with_lower_triangle();
-        // Derivatives of the frame's pose and focal length (7) by the common unknowns.
-        let mut by_common = SMatrix::<f64, 7, G>::zeros();
+        // Derivatives of the frame's pose and intrinsics by the common unknowns.
+        let mut by_common = SMatrix::<f64, FRAME, G>::zeros();
         by_common.fixed_rows_mut::<6>(0).copy_from(&pose);
-        by_common[(6, G - 1)] += 1.0;
-        let H_7g = H * by_common;
+        for k in 0..M::CAMERA {
+            by_common[(6 + k, G - M::CAMERA + k)] += 1.0;
+        }
+        let H_fg = H * by_common;
         let floor = 1e-9 * (1.0 + H.trace());
         let mut H_ll = SMatrix::<f64, L, L>::from_fn(|a, b| H[(6 - L + a, 6 - L + b)]);
         for a in 0..L {
             H_ll[(a, a)] += floor;
         }
-        let H_lg = SMatrix::<f64, L, G>::from_fn(|a, b| H_7g[(6 - L + a, b)]);
+        let H_lg = SMatrix::<f64, L, G>::from_fn(|a, b| H_fg[(6 - L + a, b)]);
         let g_l = SVector::<f64, L>::from_fn(|a, _| g[6 - L + a]);
-        system.H_gg += by_common.tr_mul(&H_7g);
+        system.H_gg += by_common.tr_mul(&H_fg);
         system.g_g += by_common.tr_mul(&g);
         system.add_frame(H_ll, H_lg, g_l);
     }
@@ -253,7 +296,7 @@ mod tests {
             R_CB: UnitQuaternion::from_scaled_axis(Vector3::new(0.1, 0.3, -0.2) * f64::from(i)),
             t_C: Vector3::new(0.02 * f64::from(i), -0.1, 1.1),
         });
-        let motion = IndependentPoses::new(poses.collect(), true);
+        let motion = IndependentPoses::new(poses.collect(), 0.1);
         let frames = (0..4).map(|i| {
             let pose = motion.pose(i);
             let observations = points.iter().enumerate().map(|(j, p)| {
@@ -335,7 +378,7 @@ mod tests {
                 observation.pixel = Vector2::new(focal.x * x.x, focal.y * x.y) / x.z;
             }
         }
-        motion = IndependentPoses::new((0..4).map(|i| motion.pose(i)).collect(), false);
+        motion = IndependentPoses::new((0..4).map(|i| motion.pose(i)).collect(), 0.0);
         for (j, p) in points.iter_mut().enumerate() {
             *p += Vector3::new(0.02, -0.03, 0.025) * (j as f64).cos();
         }

@@ -1,8 +1,9 @@
 //! Ambiguity hypotheses: other motions that explain the images of a short rotation.
 //!
-//! From a distance, a small rotation about an axis across the line of sight moves a point by rate times depth. Twice the
-//! depth at half the rate looks the same, and so does a body mirrored in depth. Perspective and the curvature of the
-//! points' paths distinguish them, but these may be less than the noise. An adjustment may then converge to any of these motions.
+//! From a distance, a small rotation about an axis across the line of sight moves a point by rate times depth. Twice
+//! the depth at half the rate looks the same, and so does a body mirrored in depth. Perspective and the curvature of
+//! the points' paths distinguish them, but these may be less than the noise. An adjustment may then converge to any
+//! of these motions.
 
 use nalgebra::Vector3;
 
@@ -18,8 +19,22 @@ use super::structure::SolverSettings;
 /// the far side hidden may be ambiguous.)
 pub const UNAMBIGUOUS_TURN: f64 = 3.0;
 
-/// Depths of the body that are tried: 1 stands for a body as deep as it is wide; negative ones are mirrored in depth.
-const DEPTH_FACTORS: [f64; 6] = [1.0, -1.0, 0.5, -0.5, 2.0, -2.0];
+/// Bodies that are tried: depth (1 stands for a body as deep as it is wide; negative ones are mirrored in depth), and
+/// relative displacement of the points in depth, which leads out of a minimum that the other bodies share.
+const BODIES: [(f64, f64); 12] = [
+    (1.0, 0.0),
+    (-1.0, 0.0),
+    (0.5, 0.0),
+    (-0.5, 0.0),
+    (2.0, 0.0),
+    (-2.0, 0.0),
+    (0.25, 0.0),
+    (-0.25, 0.0),
+    (4.0, 0.0),
+    (-4.0, 0.0),
+    (1.0, 0.6),
+    (-1.0, 0.6),
+];
 
 /// Number of rounds; each starts from the best hypothesis of the one before.
 const ROUNDS: usize = 3;
@@ -96,11 +111,17 @@ where
     let width: f64 = centred.iter().map(|p| 0.5 * p.xy().norm_squared()).sum();
     let depth: f64 = centred.iter().map(|p| p.z * p.z).sum();
     let roundness = (width / depth.max(f64::MIN_POSITIVE)).sqrt();
-    let hypothesis = |factor: f64| {
+    let hypothesis = |(factor, displacement): (f64, f64)| {
         let factor = factor * roundness;
         let mut motion = fit.motion.with_scaled_depths(factor, &centre)?;
-        let stretched = |p: &Vector3<f64>| R.inverse() * Vector3::new(p.x, p.y, factor * p.z);
-        let mut points = centred.iter().map(stretched).collect();
+        let stretched = |(k, p): (usize, &Vector3<f64>)| {
+            // Different for each point, but the same in every run.
+            let shift = displacement
+                * (depth / centred.len().max(1) as f64).sqrt()
+                * (2.4 * k as f64).sin();
+            R.inverse() * Vector3::new(p.x, p.y, factor * (p.z + shift))
+        };
+        let mut points = centred.iter().enumerate().map(stretched).collect();
         let mut trial_scene = scene.clone();
         for i in 0..trial_scene.len() {
             trial_scene
@@ -117,5 +138,5 @@ where
         let found = fit_robustly(&mut trial_scene, motion, points, settings)?;
         Some((found, trial_scene))
     };
-    DEPTH_FACTORS.into_iter().filter_map(hypothesis).collect()
+    BODIES.into_iter().filter_map(hypothesis).collect()
 }

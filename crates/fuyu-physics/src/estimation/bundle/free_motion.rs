@@ -27,8 +27,8 @@ const LARGEST_TURN: f64 = 0.55;
 /// Smallest accepted principal moment, for trace 3. A rod ten times as long as thick has more.
 const SMALLEST_MOMENT: f64 = 5e-3;
 
-/// Largest accepted principal moment. No moment of a body exceeds the sum of the others, 1.5; noise may push a thin plate
-/// beyond that.
+/// Largest accepted principal moment. No moment of a body exceeds the sum of the others, 1.5; noise may push a thin
+/// plate beyond that.
 const LARGEST_MOMENT: f64 = 1.6;
 
 /// A torque-free rotation: its constants, and the attitude at a reference time.
@@ -119,6 +119,21 @@ impl FreeMotion {
     pub fn w_WB_B(&self, R_WB: &UnitQuaternion<f64>) -> Vector3<f64> {
         let h = R_WB.inverse_transform_vector(&self.momentum);
         self.inertia.cholesky().map_or(h, |c| c.solve(&h))
+    }
+
+    /// Derivative of the inertia's shape by a rotation of the body, in the axes before the rotation.
+    pub fn shape_by_turn(&self) -> SMatrix<f64, 5, 3> {
+        let basis = shape_basis();
+        SMatrix::from_fn(|k, j| {
+            let turn = Vector3::ith(j, 1.0).cross_matrix();
+            basis[k].dot(&(turn * self.inertia - self.inertia * turn))
+        })
+    }
+
+    /// Derivative of the rotation at a time with sensitivity `S` by a rotation of the body at the reference time,
+    /// both in body axes. A body that starts rotated by θ moves like one with its inertia rotated by θ, then rotated.
+    pub fn turn_by_turn(&self, S: &Sensitivity) -> Matrix3<f64> {
+        Matrix3::identity() + S.fixed_columns::<5>(0) * self.shape_by_turn()
     }
 
     /// Attitudes at `times` (ascending).

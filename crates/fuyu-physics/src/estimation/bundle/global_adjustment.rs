@@ -1,22 +1,25 @@
 //! Global bundle adjustment: motion, points and positions of all frames together, from an approximate motion.
 
-use nalgebra::{SMatrix, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 
-use super::adjust::{AdjustOptions, adjust, information};
+use super::adjust::{AdjustOptions, adjust};
 use super::ambiguity::best_hypothesis;
+use super::disturbed_fit::{DisturbedFit, describe, fit_with_disturbances};
 use super::frames::Frames;
 use super::free_motion::FreeMotion;
 use super::inlier_gate::Residuals;
-use super::model_fit::{ModelFit, dispersion, fit_robustly, prefer_sphere, refine_with_rounding};
+use super::intrinsics::Intrinsics;
+use super::model_fit::{ModelFit, fit_robustly, prefer_sphere};
 use super::pixel_likelihood::PixelLikelihood;
-use super::pose_model::free_positions::{COMMON, FreePositions};
-use super::pose_model::linear_com_motion::{LINE, LinearComMotion, marginalise_line};
-use super::pose_model::{PoseModel, TumblingModel};
+use super::pose_model::TumblingModel;
+use super::pose_model::disturbed::{Disturbed, INDEPENDENT, SMOOTH};
+use super::pose_model::free_positions::FreePositions;
+use super::pose_model::linear_com_motion::{LINE, LinearComMotion};
 use super::scene::Scene;
 use super::structure::{Segment, SolverSettings, scene_of};
 use super::transferred_structure::{structure_from_attitudes, transfer_structure};
 use super::uncertainty::report;
-use super::{BodyPoint, BodyPose, Options, Solution};
+use super::{BodyPoint, BodyPose, CentreMotion, Options, Solution};
 use crate::estimation::EstimateError;
 use crate::vision::Pinhole;
 
@@ -25,23 +28,18 @@ pub struct GlobalFit {
     frames: Frames,
     chosen: Vec<usize>,
     tracks: Vec<usize>,
-    scene: Scene,
-    motion: FreeMotion,
-    t_C: Vec<Vector3<f64>>,
-    points: Vec<Vector3<f64>>,
-    log_focal: f64,
+    observations: usize,
+    fit: DisturbedFit,
+    is_smooth: bool,
     /// Statistics of the residuals.
     pub residuals: Residuals,
     /// Time from which the frames fit one motion, if not all of them do \[s\].
     pub since: Option<f64>,
-    likelihood: PixelLikelihood,
-    dispersion: f64,
-    linear_com: bool,
     /// RMS residual with one independent pose per frame \[px\].
     independent_rms: Option<f64>,
     /// Another angular rate that explains the images equally well \[rad/s\].
     alternative: Option<f64>,
-    settings: SolverSettings,
+    turn: f64,
 }
 
 /// Adjusts motion, points and positions together, from an approximate motion. `turns` takes the axes of each segment
@@ -86,8 +84,15 @@ pub fn adjust_globally(
     let t_C: Vec<_> = chosen.iter().filter_map(|i| position_of[*i]).collect();
     let times: Vec<f64> = chosen.iter().map(|i| times[*i]).collect();
     let R_WC: Vec<_> = chosen.iter().map(|i| frames.list[*i].R_WC).collect();
-    let focal = settings.focal_free.then_some(log_focal);
-    let free_positions = FreePositions::new(motion, t_C, &times, &R_WC, settings.noise, focal);
+    let free_positions = FreePositions::new(
+        motion,
+        t_C,
+        &times,
+        &R_WC,
+        settings.noise,
+        log_focal,
+        settings.widths.focal,
+    );
     let fixed = R_WC.iter().all(|R| *R == UnitQuaternion::identity());
     let line = single
         .filter(|_| fixed)
@@ -102,54 +107,61 @@ pub fn adjust_globally(
                 .map_or(ComMotion::Free(free), ComMotion::Linear)
         }
     };
-    let linear_com = matches!(fitted, ComMotion::Linear(_));
-    let alternative;
-    let (free_positions, points, residuals, likelihood, dispersion) = match fitted {
+    let mut widths = settings.widths;
+    widths.centre *= 0.5 * (scene.focal.x + scene.focal.y);
+    let disturbed = |rotation: FreePositions, line: Option<(Vector3<f64>, Vector3<f64>)>| {
+        let intrinsics = Intrinsics::of_focal(rotation.log_focal);
+        let (noise, orbit) = (settings.noise, settings.orbit);
+        let shape_spread = rotation.shape_spread;
+        let (motion, t_C) = (rotation.motion, rotation.t_C);
+        let mut model = Disturbed::new(motion, t_C, line, &times, &R_WC, noise, widths, orbit);
+        model.intrinsics = intrinsics;
+        model.shape_spread = shape_spread;
+        model
+    };
+    let is_smooth = matches!(fitted, ComMotion::Linear(_));
+    let with_points = settings.with_points;
+    let (fit, alternative, turn) = match fitted {
         ComMotion::Linear(fit) => {
-            let (mut fit, other) = best_hypothesis(&mut scene, fit, settings);
-            alternative = other;
-            let likelihood = refine_with_rounding(&scene, &mut fit, settings);
-            let dispersion = dispersion(&scene, &fit, &likelihood);
-            let free = fit.motion.into_free_positions();
-            (free, fit.points, fit.residuals, likelihood, dispersion)
+            let (fit, other) = best_hypothesis(&mut scene, fit, settings);
+            let turn = fit.motion.turn();
+            let (rotation, start, displacement) = fit.motion.into_parts();
+            let model = disturbed(rotation, Some((start, displacement)));
+            let found = fit_with_disturbances::<0, SMOOTH>(
+                &mut scene,
+                model,
+                fit.points,
+                settings,
+                with_points,
+            )?;
+            (found, other, turn)
         }
         ComMotion::Free(fit) => {
-            let (mut fit, other) = best_hypothesis(&mut scene, fit, settings);
-            alternative = other;
-            let likelihood = refine_with_rounding(&scene, &mut fit, settings);
-            let dispersion = dispersion(&scene, &fit, &likelihood);
-            (
-                fit.motion,
+            let (fit, other) = best_hypothesis(&mut scene, fit, settings);
+            let turn = fit.motion.turn();
+            let model = disturbed(fit.motion, None);
+            let found = fit_with_disturbances::<3, INDEPENDENT>(
+                &mut scene,
+                model,
                 fit.points,
-                fit.residuals,
-                likelihood,
-                dispersion,
-            )
+                settings,
+                with_points,
+            )?;
+            (found, other, turn)
         }
     };
-    let FreePositions {
-        motion,
-        t_C,
-        log_focal,
-        ..
-    } = free_positions;
     Some(GlobalFit {
+        observations: scene.observations().len(),
         frames,
         chosen,
         tracks,
-        scene,
-        motion,
-        t_C,
-        points,
-        log_focal,
-        residuals,
+        is_smooth,
+        residuals: fit.residuals,
+        fit,
         since: None,
-        likelihood,
-        dispersion,
-        linear_com,
         independent_rms: independent_rms(segments),
         alternative,
-        settings: *settings,
+        turn,
     })
 }
 
@@ -220,9 +232,7 @@ fn try_linear_com<'a>(
 impl GlobalFit {
     /// Angle that the body turned \[rad\].
     pub fn turn(&self) -> f64 {
-        let time = |i: Option<&usize>| i.map_or(0.0, |i| self.frames.list[*i].time);
-        let whole = time(self.chosen.last()) - time(self.chosen.first());
-        self.motion.w_WB_B(&self.motion.R_WB).norm() * whole
+        self.turn
     }
 
     /// Factor on the covariance of independent residuals. If the motion leaves larger residuals than independent poses
@@ -231,71 +241,61 @@ impl GlobalFit {
         let Some(noise) = self.independent_rms else {
             return 1.0;
         };
-        let count = self.scene.observations().len().max(1) as f64;
+        let count = self.observations.max(1) as f64;
         let excess = (self.residuals.deviation / noise).powi(2) - 1.0;
-        // Relative standard deviation of a variance estimated from this many residuals.
-        if excess < 4.0 * count.recip().sqrt() {
+        // Both variances are of the same noise; they differ by the degrees of freedom that only independent poses
+        // have, six per frame.
+        let differing = 6.0 * self.chosen.len() as f64;
+        if excess < 4.0 * (2.0 * differing).sqrt() / (2.0 * count) {
             return 1.0;
         }
-        1.0 + excess * count / self.points.len().max(1) as f64
+        1.0 + excess * count / self.fit.points.len().max(1) as f64
     }
 
     /// The solution, with covariance and diagnosis.
     pub fn finish(self, camera: &Pinhole, options: &Options) -> Result<Solution, EstimateError> {
         let inflation = self.covariance_inflation();
-        let times: Vec<f64> = self
-            .chosen
-            .iter()
-            .map(|i| self.frames.list[*i].time)
-            .collect();
-        let R_WC: Vec<_> = self
-            .chosen
-            .iter()
-            .map(|i| self.frames.list[*i].R_WC)
-            .collect();
-        let focal = self.settings.focal_free.then_some(self.log_focal);
-        let motion = self.motion;
-        let free_positions =
-            FreePositions::new(motion, self.t_C, &times, &R_WC, self.settings.noise, focal);
+        let DisturbedFit {
+            model,
+            points,
+            point_covariances,
+            residuals,
+            poses,
+            mut state,
+            centre: com,
+            intrinsic_deviations,
+        } = self.fit;
+        state.covariance *= inflation;
         if let Some(other) = self.alternative {
-            let rate = free_positions.rate().norm();
+            let rate = state.angular_velocity().0.norm();
             return Err(EstimateError::Ambiguous {
-                turn: free_positions.turn(),
+                turn: self.turn,
                 rates: [rate.min(other), rate.max(other)],
             });
         }
-        let not_free = EstimateError::NotFree {
-            rms: self.residuals.rms,
-        };
-        let known = if self.linear_com {
-            LinearComMotion::new(free_positions.clone())
-                .and_then(|(line, _)| {
-                    information(&self.scene, &line, &self.points, &self.likelihood)
-                })
-                .and_then(|all| marginalise_line(&all))
-        } else {
-            information(&self.scene, &free_positions, &self.points, &self.likelihood)
-        };
-        // The residuals scale the information of the images, not that of the prior.
-        let prior =
-            free_positions.prior().0 * (self.dispersion / self.settings.noise.powi(2) - 1.0);
-        let covariance = known
-            .and_then(|i| (i + SMatrix::from_diagonal(&prior)).try_inverse())
-            .map(|c| c * (self.dispersion * inflation))
-            .ok_or_else(|| not_free.clone())?;
+        let not_free = EstimateError::NotFree { rms: residuals.rms };
+        let Intrinsics {
+            log_focal,
+            centre,
+            radial,
+        } = model.intrinsics;
         let mut report = report(
-            &motion,
-            &covariance,
-            &self.residuals,
+            &state,
+            &residuals,
             options,
-            self.log_focal,
+            (log_focal, intrinsic_deviations[0]),
         )
         .ok_or(not_free)?;
+        report.diagnosis.extend(describe(
+            &model.scales,
+            self.is_smooth,
+            options.widths.acceleration,
+        ));
         if inflation > 1.0 {
             report.diagnosis.push(format!(
-                "the motion leaves residuals of {:.2} px, independent poses {:.2} px: an error common to many frames (focal \
-                 length? lens distortion?); standard deviations are {:.1} times as large for it",
-                self.residuals.deviation,
+                "the motion leaves residuals of {:.2} px, independent poses {:.2} px: an error common to many frames (lens \
+                 distortion? torques?); standard deviations are {:.1} times as large for it",
+                residuals.deviation,
                 self.independent_rms.unwrap_or_default(),
                 inflation.sqrt()
             ));
@@ -306,38 +306,44 @@ impl GlobalFit {
                  separatrix the smallest disturbance decides when the body turns over"
             ));
         }
-        let scale = self.log_focal.exp();
-        let poses = (0..self.chosen.len()).map(|k| {
-            let pose = free_positions.pose(k);
-            BodyPose {
-                time: times[k],
-                R_CB: pose.R_CB,
-                t_C: pose.t_C,
-            }
-        });
+        let scale = log_focal.exp();
+        let times = self.chosen.iter().map(|i| self.frames.list[*i].time);
         // The last part of a split track has its current id, and the lowest number.
         let ids = &self.frames.ids;
-        let points = (self.points.iter().zip(&self.tracks))
-            .filter(|(_, track)| ids.iter().position(|id| *id == ids[**track]) == Some(**track));
+        let is_current = |track: usize| ids.iter().position(|id| *id == ids[track]) == Some(track);
+        let numbered = self.tracks.iter().enumerate();
+        let points = numbered
+            .filter(|(_, track)| is_current(**track))
+            .map(|(k, track)| BodyPoint {
+                id: ids[*track],
+                p_B: points[k],
+                covariance: point_covariances.get(k).map(|c| c * inflation),
+            });
         Ok(Solution {
             motion: report.motion,
-            points: points
-                .map(|(p, t)| BodyPoint {
-                    id: self.frames.ids[*t],
-                    p_B: *p,
+            points: points.collect(),
+            poses: (times.zip(&poses))
+                .map(|(time, pose)| BodyPose {
+                    time,
+                    R_CB: pose.R_CB,
+                    t_C: pose.t_C,
                 })
                 .collect(),
-            poses: poses.collect(),
             camera: Pinhole {
                 fx: camera.fx * scale,
                 fy: camera.fy * scale,
-                ..*camera
+                cx: camera.cx + centre.x,
+                cy: camera.cy + centre.y,
             },
-            focal_deviation: focal.map(|_| covariance[(COMMON - 1, COMMON - 1)].max(0.0).sqrt()),
-            outliers: self.residuals.outliers,
+            radial,
+            focal_deviation: (options.widths.focal > 0.0).then_some(intrinsic_deviations[0]),
+            outliers: residuals.outliers,
             diagnosis: report.diagnosis,
-            free: motion,
-            covariance: covariance.fixed_view::<8, 8>(0, 0).into_owned(),
+            state,
+            centre: com.map(|c| CentreMotion {
+                covariance: c.covariance * inflation,
+                ..c
+            }),
         })
     }
 }

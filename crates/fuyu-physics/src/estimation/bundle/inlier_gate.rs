@@ -67,14 +67,16 @@ pub fn gate_and_evaluate<const L: usize, const G: usize, M: PoseModel<L, G>>(
     points: &[Vector3<f64>],
     limit: f64,
 ) -> Residuals {
-    let focal = scene.focal * motion.log_focal().exp();
+    let lens = motion.intrinsics().lens(&scene.focal);
     let (mut sum, mut inliers, mut all) = (0.0, 0usize, 0usize);
     for i in 0..scene.len() {
         let pose = motion.pose(i);
         let R = pose.R_CB.to_rotation_matrix();
         for observation in scene.frame_mut(i) {
             let x = R * points[observation.point] + pose.t_C;
-            let off = residual(&focal, &x, &observation.pixel).map(|r| r.norm_squared());
+            let off = lens
+                .project(&x)
+                .map(|m| (m - observation.pixel).norm_squared());
             observation.inlier = off.is_some_and(|o| o < limit * limit);
             all += 1;
             if let Some(off) = off.filter(|_| observation.inlier) {
@@ -83,7 +85,7 @@ pub fn gate_and_evaluate<const L: usize, const G: usize, M: PoseModel<L, G>>(
             }
         }
     }
-    let freedom = (2.0 * inliers as f64 - unknowns::<L, G>(scene)).max(1.0);
+    let freedom = (2.0 * inliers as f64 - unknowns(scene, motion)).max(1.0);
     Residuals {
         rms: (sum / (2 * inliers.max(1)) as f64).sqrt(),
         deviation: (sum / freedom).sqrt(),
@@ -91,9 +93,12 @@ pub fn gate_and_evaluate<const L: usize, const G: usize, M: PoseModel<L, G>>(
     }
 }
 
-/// Number of unknowns of a fit to the scene.
-pub fn unknowns<const L: usize, const G: usize>(scene: &Scene) -> f64 {
-    (L * scene.len() + 3 * scene.points + G) as f64
+/// Number of unknowns of a fit to the scene that the images determine.
+pub fn unknowns<const L: usize, const G: usize, M: PoseModel<L, G>>(
+    scene: &Scene,
+    motion: &M,
+) -> f64 {
+    (L * scene.len() + 3 * scene.points + G) as f64 - motion.held()
 }
 
 /// Calls `visit` with the residual of every inlier \[px\].
@@ -103,14 +108,14 @@ pub fn each_inlier_residual<const L: usize, const G: usize, M: PoseModel<L, G>>(
     points: &[Vector3<f64>],
     mut visit: impl FnMut(&Vector2<f64>),
 ) {
-    let focal = scene.focal * motion.log_focal().exp();
+    let lens = motion.intrinsics().lens(&scene.focal);
     for i in 0..scene.len() {
         let pose = motion.pose(i);
         let R = pose.R_CB.to_rotation_matrix();
         for observation in scene.frame(i).iter().filter(|s| s.inlier) {
             let x = R * points[observation.point] + pose.t_C;
-            if let Some(r) = residual(&focal, &x, &observation.pixel) {
-                visit(&r);
+            if let Some(m) = lens.project(&x) {
+                visit(&(m - observation.pixel));
             }
         }
     }

@@ -92,7 +92,7 @@ pub fn structure_of_key_frames(
     if 4 * drop_points_behind_camera(&mut scene, &points, &poses) < 3 * scene.observations().len() {
         return None;
     }
-    let mut motion = IndependentPoses::new(poses, false);
+    let mut motion = IndependentPoses::new(poses, 0.0);
     for width in [10.0, 4.0] {
         let adjust_options = AdjustOptions {
             likelihood: PixelLikelihood::Huber(width * settings.noise),

@@ -10,17 +10,20 @@
 //! 2. `linear_inertia`: inertia and momentum from the attitudes by linear least squares, since momentum is constant.
 //! 3. `attitude_fit`: the torque-free motion nearest to the attitudes. Tracks too short for stage 1 give rotations
 //!    between neighbouring frames instead, and `relative_rotation` fits the motion to those.
-//! 4. `global_adjustment`: bundle adjustment of points and motion together, over all frames (`model_fit`). The centre of
-//!    mass moves on a straight line (`pose_model::linear_com_motion`) or, where the images contradict this, has an
+//! 4. `global_adjustment`: bundle adjustment of points and motion together, over all frames (`model_fit`). The centre
+//!    of mass moves on a straight line (`pose_model::linear_com_motion`) or, where the images contradict this, has an
 //!    independent position in each frame (`pose_model::free_positions`). For pixels that are whole numbers, the
 //!    likelihood of rounding refines the result (`pixel_likelihood`). After a short rotation other depths are tried
 //!    (`ambiguity`).
+//! 5. `disturbed_fit`: the same adjustment with torques, errors of gyro and calibration, and a curved path as further
+//!    unknowns with priors, whose widths the images choose (`prior_scales`). Its normal equations give the covariance
+//!    of the state at the last frame.
 //!
 //! If that fails, tracks with reused ids are split (`reused_track_ids`), and the solver starts again.
 //!
-//! The result is a [`Solution`]: motion with covariance, shape, poses, and a diagnosis of what the data do not determine.
-//! The motion is represented by inertia and momentum, without principal axes, so spheres, symmetric bodies and spins
-//! about one axis need no special cases; what is not determined for them is reported.
+//! The result is a [`Solution`]: motion with covariance, shape, poses, and a diagnosis of what the data do not
+//! determine. The motion is represented by inertia and momentum, without principal axes, so spheres, symmetric bodies
+//! and spins about one axis need no special cases; what is not determined for them is reported.
 //!
 //! Masutani 1995 ([`super::masutani1995`]) estimates from angular velocities alone; this uses every image point.
 
@@ -28,6 +31,7 @@ mod adjust;
 mod ambiguity;
 mod attitude_fit;
 mod camera_motion;
+mod disturbed_fit;
 mod envelope;
 mod five_point;
 mod frames;
@@ -41,6 +45,8 @@ mod linear_inertia;
 mod model_fit;
 mod pixel_likelihood;
 mod pose_model;
+mod prior_scales;
+mod rate_search;
 mod relative_pose;
 mod relative_rotation;
 mod resection;
@@ -59,14 +65,27 @@ use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 pub use camera_motion::{CameraMotion, rotation_between};
 
 pub(super) use camera_motion::attitude_at;
-pub(super) use free_motion::{FreeMotion, PARAMETERS, shape_basis, shape_times};
-pub(super) use uncertainty::derivatives;
 
-use super::{EstimateError, MotionEstimate, Tracks};
+pub use free_motion::FreeMotion;
+pub use pose_model::disturbed::{Orbit, Widths};
+
+pub(super) use attitude_fit::{SegmentAttitude, fit_attitudes};
+pub(super) use free_motion::{PARAMETERS, SHAPE_SPREAD, shape_of, shape_times};
+pub(super) use intrinsics::Intrinsics;
+pub(super) use linear_inertia::{
+    AttitudeSample, BodyRate, fastest_tumbling, fit_inertia_and_momentum,
+};
+pub(super) use pose_model::responses;
+pub(super) use uncertainty::{derivatives, report_of_state};
+
+use super::{EstimateError, MotionEstimate, MotionState, Tracks};
 use crate::vision::Pinhole;
 
-/// Least number of points that neighbouring frames must share.
+/// Least number of points that neighbouring frames must share for a start from their relative poses.
 const MIN_POINTS: usize = 8;
+
+/// Least number of points that neighbouring frames must share.
+const LEAST_SHARED: usize = 4;
 
 /// Least number of frames with features.
 const MIN_FRAMES: usize = 8;
@@ -77,8 +96,14 @@ pub struct Options {
     /// Standard deviation of an image coordinate \[px\]. The default is that of rounding to whole pixels (0.29,
     /// rounded up); it is increased if the tracks are noisier.
     pub pixel_noise: f64,
-    /// Whether the focal length is estimated as well, starting from the camera's value.
-    pub estimate_focal_length: bool,
+    /// Standard deviations of what disturbs a free rotation before a calibrated camera: torques, curvature of the
+    /// path, errors of gyro and calibration. All of them are estimated.
+    pub widths: Widths,
+    /// The relative orbit, if its directions are known: instead of a straight line the centre of mass moves as
+    /// Clohessy and Wiltshire describe.
+    pub orbit: Option<Orbit>,
+    /// Whether the covariances of the points are computed.
+    pub with_points: bool,
     /// Rotation of the camera.
     pub camera_motion: CameraMotion,
     /// Largest number of points that are used per frame; the longest tracks are preferred.
@@ -91,10 +116,22 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             pixel_noise: 0.3,
-            estimate_focal_length: false,
+            widths: Widths::default(),
+            orbit: None,
+            with_points: false,
             camera_motion: CameraMotion::Fixed,
             points_per_frame: 60,
             seed: 1,
+        }
+    }
+}
+
+impl Options {
+    /// Options for a free rotation before a camera whose calibration is exact, as in a simulation.
+    pub fn undisturbed() -> Self {
+        Self {
+            widths: Widths::NONE,
+            ..Self::default()
         }
     }
 }
@@ -106,6 +143,8 @@ pub struct BodyPoint {
     pub id: u64,
     /// Position in body axes, in units of the mean depth of all points.
     pub p_B: Vector3<f64>,
+    /// Covariance of the position, if [`Options::with_points`] is set.
+    pub covariance: Option<Matrix3<f64>>,
 }
 
 /// Pose of the body in one frame.
@@ -120,6 +159,18 @@ pub struct BodyPose {
     pub t_C: Vector3<f64>,
 }
 
+/// Motion of the body's centre of mass at the last frame, in the axes of a camera that does not rotate. The unit of
+/// length is the depth of the centre in the first frame, which the images do not determine.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CentreMotion {
+    /// Position.
+    pub position: Vector3<f64>,
+    /// Velocity \[1/s\].
+    pub velocity: Vector3<f64>,
+    /// Covariance of position and velocity.
+    pub covariance: SMatrix<f64, 6, 6>,
+}
+
 /// Result of bundle adjustment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
@@ -129,43 +180,37 @@ pub struct Solution {
     pub points: Vec<BodyPoint>,
     /// Pose of the body in all frames that show enough points.
     pub poses: Vec<BodyPose>,
-    /// The camera, with the estimated focal length if [`Options::estimate_focal_length`] is set.
+    /// The camera, with the estimated focal length and principal point.
     pub camera: Pinhole,
-    /// Standard deviation of the estimated focal length, relative to its value.
+    /// First coefficient of the radial distortion that remains, as `k1` of `plumb_bob`.
+    pub radial: f64,
+    /// Standard deviation of the estimated focal length, relative to its value; `None` if it was given as exact.
     pub focal_deviation: Option<f64>,
     /// Outliers as a share of all image points.
     pub outliers: f64,
     /// Remarks for the user, one line each; empty if everything is well determined.
     pub diagnosis: Vec<String>,
-    /// The fitted motion.
-    pub(super) free: FreeMotion,
-    /// Covariance of the fitted motion's eight parameters.
-    pub(super) covariance: SMatrix<f64, PARAMETERS, PARAMETERS>,
+    /// The state at the last frame.
+    pub state: MotionState,
+    /// The centre of mass at the last frame; `None` if its path is not smooth or the camera rotates, so that it is
+    /// not known which point of the body it is.
+    pub centre: Option<CentreMotion>,
 }
 
 impl Solution {
-    /// Covariance of the rotation from `from` to `to` \[s\] as given by [`Solution::motion`]: of the rotation vector of its
-    /// error, in body axes at `to` \[rad²\]. With both times after the last frame it is that of a prediction.
+    /// Covariance of the rotation from `from` to `to` \[s\] as given by [`Solution::motion`]: of the rotation vector
+    /// of its error in inertial axes \[rad²\], where `estimate = exp(error) truth`. With both times after the last
+    /// frame it is that of a prediction.
     pub fn turn_covariance(&self, from: f64, to: f64) -> Matrix3<f64> {
-        let (first, last) = (from.min(to), from.max(to));
-        let attitudes = self.free.attitudes_and_sensitivities(&[first, last]);
-        let (R_first, S_first) = attitudes[0];
-        let (R_last, S_last) = attitudes[1];
-        let turn = R_last.inverse() * R_first;
-        let across = S_last - turn.to_rotation_matrix() * S_first;
-        let covariance = across * self.covariance * across.transpose();
-        if from <= to {
-            return covariance;
-        }
-        let back = turn.inverse().to_rotation_matrix();
-        back * covariance * back.transpose()
+        self.state.covariance_between(from, to)
     }
 }
 
 /// Estimates the motion of the rigid body that `tracks` show.
 ///
 /// # Errors
-/// [`EstimateError`] if the tracks contain too little data, do not move, or are not those of a freely rotating rigid body.
+/// [`EstimateError`] if the tracks contain too little data, do not move, or are not those of a freely rotating rigid
+/// body.
 pub fn estimate(
     tracks: &Tracks,
     camera: &Pinhole,

@@ -114,7 +114,7 @@ pub fn refine_with_rounding<const L: usize, const G: usize, M: PoseModel<L, G> +
     }
     let variance = fit.residuals.rms.powi(2).max(f64::MIN_POSITIVE);
     let gaussian = 0.5 * (1.0 + (std::f64::consts::TAU * variance).ln());
-    let unknowns = unknowns::<L, G>(scene);
+    let unknowns = unknowns(scene, &fit.motion);
     let mut least = f64::INFINITY;
     let (mut motion, mut points) = (fit.motion.clone(), fit.points.clone());
     for scale in NOISE_SCALES {
@@ -165,6 +165,6 @@ pub fn dispersion<const L: usize, const G: usize, M: PoseModel<L, G>>(
         bounded += rounding.bounded(r);
     });
     // The unknowns fit part of the few bounding coordinates, which reduces the slopes; this corrects for it.
-    let unknowns = unknowns::<L, G>(scene);
+    let unknowns = unknowns(scene, &fit.motion);
     squares / curvature * (1.0 + unknowns / f64::max(bounded, 1.0))
 }

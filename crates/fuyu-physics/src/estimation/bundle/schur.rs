@@ -1,13 +1,16 @@
 //! Levenberg-Marquardt step by Schur complement, for unknowns of frames, of points, and common to all.
 //!
-//! Each observation couples one frame with one point, so frames are coupled only through points and common unknowns. The
-//! frames are eliminated (there are many, with `L` unknowns each). The Schur complement couples only points that appear
-//! in the same frame. With points ordered by first appearance it has a narrow envelope, which [`Envelope`] factors
-//! without touching zeros. The `G` common unknowns come last.
+//! Each observation couples one frame with one point, so frames are coupled only through points and common unknowns.
+//! The frames are eliminated (there are many, with `L` unknowns each). The Schur complement couples only points that
+//! appear in the same frame. With points ordered by first appearance it has a narrow envelope, which [`Envelope`]
+//! factors without touching zeros. The `G` common unknowns come last.
 
 use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector3};
 
 use super::envelope::{Envelope, row_length};
+
+/// Damping that keeps the matrix regular where scale and origin of the scene are undetermined.
+const REGULAR: f64 = 1e-10;
 
 /// Normal equations of one frame: its own unknowns, the common ones and the points that it shows.
 #[derive(Debug, Clone)]
@@ -171,12 +174,11 @@ impl<const L: usize, const G: usize> System<L, G> {
         })
     }
 
-    /// Information on the common unknowns with frames and points marginalised out: the inverse of their covariance, in
-    /// units of the inverse of the residuals' variance.
-    pub fn marginal_information(&self) -> Option<SMatrix<f64, G, G>> {
+    /// Hessian and gradient of the common unknowns with frames and points eliminated: information, in units of the
+    /// inverse of the residuals' variance.
+    pub fn marginal(&self) -> Option<(SMatrix<f64, G, G>, SVector<f64, G>)> {
         // Scale and origin of the scene may be undetermined; a little damping keeps the matrix regular.
-        let damping = 1e-10;
-        let eliminated = self.eliminate(damping)?;
+        let eliminated = self.eliminate(REGULAR)?;
         // The rows after those of the points are the factor of the marginal information.
         let first = 3 * self.H_pp.len();
         let factor = SMatrix::<f64, G, G>::from_fn(|i, j| {
@@ -186,9 +188,33 @@ impl<const L: usize, const G: usize> System<L, G> {
                 eliminated.reduced.entry(first + i, first + j)
             }
         });
+        let hessian = factor * factor.transpose();
+        let mut solution = eliminated.rhs.clone();
+        eliminated.reduced.solve(&mut solution);
+        let solution = SVector::<f64, G>::from_fn(|i, _| solution[first + i]);
+        let gradient = hessian * solution;
         // The damping of the common unknowns is no information; subtract it.
-        let own = SMatrix::from_diagonal(&(diagonal(&self.H_gg) * damping));
-        Some(factor * factor.transpose() - own)
+        let own = SMatrix::from_diagonal(&(diagonal(&self.H_gg) * REGULAR));
+        Some((hessian - own, gradient))
+    }
+
+    /// Covariance of each point with all else marginalised out, in units of the residuals' variance.
+    pub fn point_covariances(&self) -> Option<Vec<SMatrix<f64, 3, 3>>> {
+        let eliminated = self.eliminate(REGULAR)?;
+        let mut column = vec![0.0; eliminated.reduced.rows()];
+        let covariances = (0..self.H_pp.len()).map(|j| {
+            let mut block = SMatrix::<f64, 3, 3>::zeros();
+            for b in 0..3 {
+                column.fill(0.0);
+                column[3 * j + b] = 1.0;
+                eliminated.reduced.solve(&mut column);
+                for a in 0..3 {
+                    block[(a, b)] = column[3 * j + a];
+                }
+            }
+            block
+        });
+        Some(covariances.collect())
     }
 
     /// Gradient by the unknowns of frame `i`.
@@ -398,12 +424,22 @@ mod tests {
 
     #[test]
     fn the_marginal_information_equals_that_of_the_dense_inverse() {
-        let (system, H, _) = random(11);
+        let (system, H, g) = random(11);
         let n = H.nrows();
         let covariance = H.try_inverse().unwrap();
         let expected = covariance.view((n - 2, n - 2), (2, 2)).into_owned();
-        let ours = system.marginal_information().unwrap();
+        let (ours, slope) = system.marginal().unwrap();
         let ours = ours.try_inverse().unwrap();
         assert!((ours - expected.fixed_view::<2, 2>(0, 0)).norm() < 1e-6 * expected.norm());
+        // The step of the common unknowns alone is that of the whole system.
+        let step = -(&covariance * g);
+        let difference = -ours * slope - step.rows(n - 2, 2);
+        assert!(difference.norm() < 1e-6 * step.norm(), "{difference}");
+        for (j, point) in system.point_covariances().unwrap().iter().enumerate() {
+            let dense = covariance
+                .view((10 + 3 * j, 10 + 3 * j), (3, 3))
+                .into_owned();
+            assert!((dense - point).norm() < 1e-6 * point.norm(), "{j}");
+        }
     }
 }

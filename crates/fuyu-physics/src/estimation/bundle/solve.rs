@@ -7,11 +7,12 @@ use super::attitude_fit::{AttitudeFit, SegmentAttitude, fit_attitudes};
 use super::frames::Frames;
 use super::global_adjustment::{GlobalFit, adjust_globally};
 use super::linear_inertia::{AttitudeSample, fastest_tumbling, fit_inertia_and_momentum, rates};
+use super::rate_search::search_rates;
 use super::relative_pose::noise_between;
 use super::relative_rotation::relative_rotation_fit;
 use super::reused_track_ids::split_reused_tracks;
 use super::structure::{Segment, SolverSettings, reconstruct};
-use super::{MIN_FRAMES, MIN_POINTS, Options, Solution};
+use super::{LEAST_SHARED, MIN_FRAMES, MIN_POINTS, Options, Solution};
 use crate::estimation::{EstimateError, Tracks, degenerate};
 use crate::vision::Pinhole;
 
@@ -32,7 +33,10 @@ const MOST_OUTLIERS: f64 = 0.3;
 /// Largest accepted ratio of residuals to assumed noise.
 const MOST_NOISE: f64 = 6.0;
 
-/// The same relative to the measured noise, after a short rotation.
+/// The same relative to the noise measured between neighbouring frames.
+const MOST_MEASURED: f64 = 2.0;
+
+/// The same, after a short rotation.
 const MOST_AFTER_SHORT_TURN: f64 = 1.5;
 
 /// Largest number of segments.
@@ -61,14 +65,13 @@ pub(super) fn solve(
         options.points_per_frame.max(MIN_POINTS),
         lookup,
     );
-    check(&frames)?;
+    let shared = check(&frames)?;
     degenerate::check(tracks, options.pixel_noise)?;
     let mut best: Option<GlobalFit> = None;
     let mut resected = 0;
     let observations: usize = frames.list.iter().map(|f| f.observations.len()).sum();
     // Larger residuals come from a wrong fit.
     let assumed = options.pixel_noise.max(1e-3);
-    let quiet = |b: &GlobalFit| b.residuals.deviation < MOST_NOISE * assumed;
     let measured = noise_of_neighbours(&frames, assumed);
     if measured > NOT_RIGID * assumed {
         return Err(EstimateError::NotRigid {
@@ -80,11 +83,20 @@ pub(super) fn solve(
         true => assumed,
         false => measured.min(assumed * f64::from(1 << DOUBLINGS)),
     };
+    let quiet =
+        |b: &GlobalFit| b.residuals.deviation < (MOST_NOISE * assumed).max(MOST_MEASURED * first);
     // After a short rotation a wrong motion may absorb most of the error.
     let trusted = |b: &GlobalFit| {
         b.turn() > UNAMBIGUOUS_TURN || b.residuals.deviation < MOST_AFTER_SHORT_TURN * first
     };
-    let initialisations = [Initialisation::Structure, Initialisation::RelativeRotation];
+    let initialisations: &[Initialisation] = match shared < MIN_POINTS {
+        true => &[Initialisation::RateSearch],
+        false => &[
+            Initialisation::Structure,
+            Initialisation::RelativeRotation,
+            Initialisation::RateSearch,
+        ],
+    };
     let mut searched_reused_ids = false;
     let most = assumed * f64::from(1 << DOUBLINGS);
     let levels = |initialisation| {
@@ -93,7 +105,7 @@ pub(super) fn solve(
             .filter(move |n| *n <= most)
             .map(move |n| (initialisation, n))
     };
-    for (initialisation, noise) in initialisations.into_iter().flat_map(levels) {
+    for (initialisation, noise) in initialisations.iter().copied().flat_map(levels) {
         // Structure with a higher noise adds nothing once most frames are resected, and little if tracks are short.
         let lasting = observations >= SHORT_TRACK * frames.ids.len();
         let enough = 4 * resected >= 3 * frames.list.len() || !lasting;
@@ -103,7 +115,9 @@ pub(super) fn solve(
         }
         let settings = SolverSettings {
             noise,
-            focal_free: options.estimate_focal_length,
+            widths: options.widths,
+            orbit: options.orbit,
+            with_points: options.with_points,
         };
         let mut rng = StdRng::seed_from_u64(options.seed);
         // With too small a noise the inlier gate rejects many correct points.
@@ -144,9 +158,11 @@ pub(super) fn solve(
         Some(best) if best.residuals.outliers < MOST_OUTLIERS && quiet(&best) && trusted(&best) => {
             best.finish(camera, options)
         }
-        Some(best) if 3 * resected >= frames.list.len() => Err(EstimateError::NotFree {
-            rms: best.residuals.rms,
-        }),
+        Some(best) if 3 * resected >= frames.list.len() || shared < MIN_POINTS => {
+            Err(EstimateError::NotFree {
+                rms: best.residuals.rms,
+            })
+        }
         _ => Err(EstimateError::NotRigid {
             consistent: resected,
             frames: frames.list.len(),
@@ -192,6 +208,10 @@ fn attempt(
             let motion = relative_rotation_fit(frames, settings.noise, rng)?;
             adjust_globally(frames.clone(), motion, &[], &[], settings)
         }
+        Initialisation::RateSearch => {
+            let motion = search_rates(frames, settings)?;
+            adjust_globally(frames.clone(), motion, &[], &[], settings)
+        }
     }
 }
 
@@ -200,6 +220,7 @@ fn attempt(
 enum Initialisation {
     Structure,
     RelativeRotation,
+    RateSearch,
 }
 
 /// Size at which a segment after the first is accepted without trying further windows of key frames.
@@ -212,7 +233,8 @@ enum Thoroughness {
 }
 
 /// Refuses tracks with too few frames or too few common points.
-fn check(frames: &Frames) -> Result<(), EstimateError> {
+/// Returns the largest number of common points.
+fn check(frames: &Frames) -> Result<usize, EstimateError> {
     let have = frames
         .list
         .iter()
@@ -227,13 +249,13 @@ fn check(frames: &Frames) -> Result<(), EstimateError> {
     let neighbours = (0..frames.list.len() - 1).map(|i| frames.common(i, i + 1).len());
     let next_but_one = (0..frames.list.len() - 2).map(|i| frames.common(i, i + 2).len());
     let most = neighbours.chain(next_but_one).max().unwrap_or(0);
-    if most < MIN_POINTS {
+    if most < LEAST_SHARED {
         return Err(EstimateError::TooFewPoints {
             most,
-            need: MIN_POINTS,
+            need: LEAST_SHARED,
         });
     }
-    Ok(())
+    Ok(most)
 }
 
 /// The fit that starts from structure, and whether that has several segments. Raises `resected` to the number of frames

@@ -13,6 +13,7 @@ use super::key_frames::{key_frames, structure_of_key_frames};
 use super::known_rotation::triangulate;
 use super::pixel_likelihood::PixelLikelihood;
 use super::pose_model::FramePose;
+use super::pose_model::disturbed::{Orbit, Widths};
 use super::pose_model::independent_poses::IndependentPoses;
 use super::resection::{Correspondence, MIN_POINTS, resect, translation};
 use super::scene::{Scene, SceneObservation, residual};
@@ -50,8 +51,12 @@ pub struct Segment {
 pub struct SolverSettings {
     /// Image noise \[px\].
     pub noise: f64,
-    /// Whether the focal length is an unknown.
-    pub focal_free: bool,
+    /// Prior widths of the disturbances.
+    pub widths: Widths,
+    /// A relative orbit whose directions are known.
+    pub orbit: Option<Orbit>,
+    /// Whether the covariances of the points are wanted.
+    pub with_points: bool,
 }
 
 impl Segment {
@@ -320,7 +325,12 @@ fn adjust_segment(
     let (mut scene, tracks) = scene_of(frames, &chosen, known, settings.noise, 2);
     let mut points: Vec<_> = tracks.iter().filter_map(|t| segment.points[*t]).collect();
     let poses = chosen.iter().filter_map(|i| segment.poses[*i]).collect();
-    let mut motion = IndependentPoses::new(poses, settings.focal_free && chosen.len() > 12);
+    // A few frames do not determine it.
+    let focal_deviation = match chosen.len() {
+        ..=12 => 0.0,
+        _ => settings.widths.focal,
+    };
+    let mut motion = IndependentPoses::new(poses, focal_deviation);
     motion.log_focal = segment.log_focal;
     let limit = INLIER_GATE * settings.noise;
     gate_inliers(&mut scene, &motion, &points, 2.0 * limit);

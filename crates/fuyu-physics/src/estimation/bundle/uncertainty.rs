@@ -1,16 +1,18 @@
 //! Covariance of the dynamic parameters, choice of the motion model, and diagnosis of what the data do not determine.
 
-use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::Options;
 use super::free_motion::{FreeMotion, PARAMETERS, shape_times};
 use super::inlier_gate::Residuals;
-use super::pose_model::free_positions::COMMON;
-use crate::estimation::free_body::FreeRotation;
+use crate::estimation::motion_state::{MotionState, STATES};
 use crate::estimation::{MotionEstimate, MotionModel};
 
 /// A difference of fewer standard deviations is not significant.
 const SIGNIFICANT: f64 = 3.0;
+
+/// The images determine a value if they reduce its standard deviation to less than this share.
+const MEASURED: f64 = 0.5;
 
 /// The motion with its covariance, and remarks for the user.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,7 +23,8 @@ pub struct Report {
     pub diagnosis: Vec<String>,
 }
 
-/// Derivatives of `(J_x, J_y, J_z, alpha)` by the eight parameters of [`FreeMotion`], with the axes in the order of `J`.
+/// Derivatives of `(J_x, J_y, J_z, alpha)` by the eight parameters of [`FreeMotion`], with the axes in the order of
+/// `J`.
 pub fn derivatives(motion: &FreeMotion, J: &Vector3<f64>) -> SMatrix<f64, 4, PARAMETERS> {
     let eigen = motion.inertia.symmetric_eigen();
     let mut order = [0, 1, 2];
@@ -58,29 +61,31 @@ pub fn derivatives(motion: &FreeMotion, J: &Vector3<f64>) -> SMatrix<f64, 4, PAR
     out
 }
 
-/// Distance of the angular velocity from the direction of the angular momentum at the reference time, in standard
-/// deviations.
-fn nutation_significance(
-    motion: &FreeMotion,
-    covariance: &SMatrix<f64, PARAMETERS, PARAMETERS>,
-) -> f64 {
+/// Distance of the angular velocity from the direction of the angular momentum, in standard deviations.
+fn nutation_significance(state: &MotionState) -> f64 {
+    let MotionState {
+        motion, covariance, ..
+    } = state;
     let R = *motion.R_WB.to_rotation_matrix().matrix();
     let Some(inverse) = motion.inertia.try_inverse() else {
         return 0.0;
     };
     let w = motion.w_WB_B(&motion.R_WB);
+    let h = R.tr_mul(&motion.momentum);
     let along = motion.momentum.normalize();
     let across = Matrix3::identity() - along * along.transpose();
     let w_W = R * w;
     let off = across * w_W;
-    let mut slope = SMatrix::<f64, 3, PARAMETERS>::zeros();
+    let mut slope = SMatrix::<f64, 3, STATES>::zeros();
+    let by_turn = across * R * (inverse * h.cross_matrix() - w.cross_matrix());
+    slope.fixed_columns_mut::<3>(0).copy_from(&by_turn);
     slope
-        .fixed_columns_mut::<5>(0)
+        .fixed_columns_mut::<5>(3)
         .copy_from(&(across * R * -inverse * shape_times(&w)));
     // The projection across the momentum depends on the momentum as well.
     let turned = across * w_W.dot(&along) / motion.momentum.norm();
     let by_momentum = across * R * inverse * R.transpose() - turned;
-    slope.fixed_columns_mut::<3>(5).copy_from(&by_momentum);
+    slope.fixed_columns_mut::<3>(8).copy_from(&by_momentum);
     let spread = slope * covariance * slope.transpose();
     // Only the plane across the momentum is tested; this makes the matrix regular along it.
     let tested = spread + along * along.transpose() * spread.trace().max(f64::MIN_POSITIVE);
@@ -89,25 +94,15 @@ fn nutation_significance(
         .map_or(0.0, |i| off.dot(&(i * off)).max(0.0).sqrt())
 }
 
-/// The fitted motion as an estimate. `None` if the body does not rotate.
-pub fn report(
-    motion: &FreeMotion,
-    covariance: &SMatrix<f64, COMMON, COMMON>,
-    residuals: &Residuals,
-    options: &Options,
-    log_focal: f64,
-) -> Option<Report> {
-    let parameters = covariance
-        .fixed_view::<PARAMETERS, PARAMETERS>(0, 0)
-        .into_owned();
+/// The motion of a state as an estimate with RMS residual `rms`. `None` if the body does not rotate.
+pub fn report_of_state(state: &MotionState, rms: f64) -> Option<Report> {
+    let motion = &state.motion;
     let w = motion.w_WB_B(&motion.R_WB);
-    let rotation = FreeRotation::new(&motion.inertia, motion.R_WB, &w, motion.time).ok()?;
+    let rotation = state.rotation()?;
     let J = rotation.parameters().map(|p| p.J()).unwrap_or_else(|| {
         motion.inertia.symmetric_eigenvalues() / motion.momentum.dot(&(motion.R_WB * w))
     });
-    let slopes = derivatives(motion, &J);
-    let spread: Matrix4<f64> = slopes * parameters * slopes.transpose();
-    let spread = (spread + spread.transpose()) * 0.5;
+    let spread = state.parameter_covariance(&J);
     let off = |a: usize, b: usize, values: [f64; 2]| {
         let variance = spread[(a, a)] + spread[(b, b)] - 2.0 * spread[(a, b)];
         (values[0] - values[1]).abs() / variance.max(f64::MIN_POSITIVE).sqrt()
@@ -115,7 +110,7 @@ pub fn report(
     let alpha = rotation.alpha();
     let mut diagnosis = Vec::new();
     let deviation = |k: usize| spread[(k, k)].max(0.0).sqrt();
-    let model = if nutation_significance(motion, &parameters) < SIGNIFICANT {
+    let model = if nutation_significance(state) < SIGNIFICANT {
         diagnosis.push(format!(
             "the axis of rotation does not move within the noise: alpha = {alpha:.4} s² is determined, the moments of \
              inertia are not (J = {:.3} ± {:.3}, {:.3} ± {:.3}, {:.3} ± {:.3} s²)",
@@ -146,14 +141,28 @@ pub fn report(
             ));
         }
     }
+    Some(Report {
+        motion: MotionEstimate::new(model, rotation, rms, Some(spread)),
+        diagnosis,
+    })
+}
+
+/// The fitted motion as an estimate. `focal` is the logarithm of the focal length over its nominal value, with its
+/// standard deviation. `None` if the body does not rotate.
+pub fn report(
+    state: &MotionState,
+    residuals: &Residuals,
+    options: &Options,
+    focal: (f64, f64),
+) -> Option<Report> {
+    let Report {
+        motion,
+        mut diagnosis,
+    } = report_of_state(state, residuals.rms)?;
     if residuals.deviation > 1.3 * options.pixel_noise {
-        let cause = if options.estimate_focal_length {
-            "the images are noisier, or the lens distorts"
-        } else {
-            "the images are noisier, or the focal length is off (it can be estimated)"
-        };
         diagnosis.push(format!(
-            "residuals of {:.2} px are more than the {:.2} px assumed: {cause}",
+            "residuals of {:.2} px are more than the {:.2} px assumed (--pixel-noise): the images are noisier, or the lens \
+             distorts",
             residuals.deviation, options.pixel_noise
         ));
     }
@@ -163,22 +172,28 @@ pub fn report(
             100.0 * residuals.outliers
         ));
     }
-    if options.estimate_focal_length {
-        diagnosis.push(format!(
-            "focal length: {:+.3} % ± {:.3} % from the camera's",
-            100.0 * log_focal.exp_m1(),
-            100.0 * covariance[(COMMON - 1, COMMON - 1)].max(0.0).sqrt()
-        ));
+    let (log_focal, deviation) = focal;
+    if options.widths.focal > 0.0 {
+        if deviation > MEASURED * options.widths.focal {
+            diagnosis.push(format!(
+                "the images do not determine the focal length: the camera's counts, ± {:.1} %",
+                100.0 * options.widths.focal
+            ));
+        } else if log_focal.abs() > SIGNIFICANT * deviation {
+            diagnosis.push(format!(
+                "focal length: {:+.3} % ± {:.3} % from the camera's",
+                100.0 * log_focal.exp_m1(),
+                100.0 * deviation
+            ));
+        }
     }
-    Some(Report {
-        motion: MotionEstimate::new(model, rotation, residuals.rms, Some(spread)),
-        diagnosis,
-    })
+    Some(Report { motion, diagnosis })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::estimation::free_body::FreeRotation;
     use nalgebra::UnitQuaternion;
 
     #[test]

@@ -187,8 +187,8 @@ impl FreeRotation {
         self.solution_attitude(time) * self.R_SB
     }
 
-    /// Attitude at `time` \[s\] of the axes of the solution: the principal axes in the thesis's order if the moments are
-    /// known. z is the axis that the angular velocity circles.
+    /// Attitude at `time` \[s\] of the axes of the solution: the principal axes in the thesis's order if the moments
+    /// are known. z is the axis that the angular velocity circles.
     pub fn solution_attitude(&self, time: f64) -> UnitQuaternion<f64> {
         let elapsed = time - self.reference_time;
         let R_RS = match &self.solution {
@@ -231,6 +231,14 @@ impl FreeRotation {
                 Some(aperiodic::rates(parameters, u))
             }
             Solution::SingleAxis { .. } => None,
+        }
+    }
+
+    /// The principal axes in the axes B, by rows, in the thesis's order. `None` if they are not known.
+    pub fn principal_axes(&self) -> Option<Matrix3<f64>> {
+        match &self.solution {
+            Solution::Periodic { .. } => Some(*self.R_SB.to_rotation_matrix().matrix()),
+            _ => None,
         }
     }
 

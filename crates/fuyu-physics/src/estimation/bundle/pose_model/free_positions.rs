@@ -6,7 +6,7 @@
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
-use super::super::intrinsics::focal_prior_weight;
+use super::super::intrinsics::{Intrinsics, focal_prior_weight};
 use super::{FramePose, PoseModel, TumblingModel};
 
 /// Number of common unknowns: the motion's parameters and the focal length.
@@ -24,20 +24,23 @@ pub struct FreePositions<'a> {
     times: &'a [f64],
     R_WC: &'a [UnitQuaternion<f64>],
     attitudes: Vec<(UnitQuaternion<f64>, Sensitivity)>,
-    focal_free: bool,
+    focal_deviation: f64,
     noise: f64,
-    shape_spread: f64,
+    /// Standard deviation of the prior on the inertia's shape; small for a body that is taken to be a sphere.
+    pub shape_spread: f64,
 }
 
 impl<'a> FreePositions<'a> {
-    /// `motion` in frames at `times` (ascending) of a camera with attitudes `R_WC`.
+    /// `motion` in frames at `times` (ascending) of a camera with attitudes `R_WC`; `focal_deviation` is the relative
+    /// standard deviation of the nominal focal length, zero to hold it.
     pub fn new(
         motion: FreeMotion,
         t_C: Vec<Vector3<f64>>,
         times: &'a [f64],
         R_WC: &'a [UnitQuaternion<f64>],
         noise: f64,
-        log_focal: Option<f64>,
+        log_focal: f64,
+        focal_deviation: f64,
     ) -> Self {
         Self {
             attitudes: motion.attitudes_and_sensitivities(times),
@@ -45,8 +48,8 @@ impl<'a> FreePositions<'a> {
             t_C,
             times,
             R_WC,
-            log_focal: log_focal.unwrap_or(0.0),
-            focal_free: log_focal.is_some(),
+            log_focal,
+            focal_deviation,
             noise,
             shape_spread: SHAPE_SPREAD,
         }
@@ -112,6 +115,8 @@ impl TumblingModel for FreePositions<'_> {
 }
 
 impl PoseModel<3, COMMON> for FreePositions<'_> {
+    const CAMERA: usize = 1;
+
     fn pose(&self, i: usize) -> FramePose {
         FramePose {
             R_CB: self.R_WC[i].inverse() * self.attitudes[i].0,
@@ -126,8 +131,8 @@ impl PoseModel<3, COMMON> for FreePositions<'_> {
         pose
     }
 
-    fn log_focal(&self) -> f64 {
-        self.log_focal
+    fn intrinsics(&self) -> Intrinsics {
+        Intrinsics::of_focal(self.log_focal)
     }
 
     fn moved(&self, frames: &[SVector<f64, 3>], common: &SVector<f64, COMMON>) -> Option<Self> {
@@ -150,7 +155,7 @@ impl PoseModel<3, COMMON> for FreePositions<'_> {
             weights[k] = (self.noise / self.shape_spread).powi(2);
             distance[k] = shape[k];
         }
-        weights[PARAMETERS] = focal_prior_weight(self.focal_free, self.noise);
+        weights[PARAMETERS] = focal_prior_weight(self.focal_deviation, self.noise);
         distance[PARAMETERS] = self.log_focal;
         (weights, distance)
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::super::intrinsics::focal_prior_weight;
+use super::super::intrinsics::{Intrinsics, focal_prior_weight};
 use super::{FramePose, PoseModel};
 use crate::spatial::exp_so3;
 
@@ -13,24 +13,26 @@ pub struct IndependentPoses {
     pub poses: Vec<FramePose>,
     /// Logarithm of the focal length over its nominal value.
     pub log_focal: f64,
-    focal_free: bool,
+    focal_deviation: f64,
 }
 
 /// Image noise for the weight of the focal length's prior \[px\]: rounding to whole pixels.
 const NOISE: f64 = 0.3;
 
 impl IndependentPoses {
-    /// Poses with the nominal focal length; `focal_free`: whether that is an unknown.
-    pub fn new(poses: Vec<FramePose>, focal_free: bool) -> Self {
+    /// Poses with the nominal focal length; `focal_deviation` is its relative standard deviation, zero to hold it.
+    pub fn new(poses: Vec<FramePose>, focal_deviation: f64) -> Self {
         Self {
             poses,
             log_focal: 0.0,
-            focal_free,
+            focal_deviation,
         }
     }
 }
 
 impl PoseModel<6, 1> for IndependentPoses {
+    const CAMERA: usize = 1;
+
     fn pose(&self, i: usize) -> FramePose {
         self.poses[i]
     }
@@ -39,8 +41,8 @@ impl PoseModel<6, 1> for IndependentPoses {
         SMatrix::zeros()
     }
 
-    fn log_focal(&self) -> f64 {
-        self.log_focal
+    fn intrinsics(&self) -> Intrinsics {
+        Intrinsics::of_focal(self.log_focal)
     }
 
     fn moved(&self, frames: &[SVector<f64, 6>], common: &SVector<f64, 1>) -> Option<Self> {
@@ -54,12 +56,12 @@ impl PoseModel<6, 1> for IndependentPoses {
         Some(Self {
             poses: moved.collect(),
             log_focal: self.log_focal + common[0],
-            focal_free: self.focal_free,
+            focal_deviation: self.focal_deviation,
         })
     }
 
     fn prior(&self) -> (SVector<f64, 1>, SVector<f64, 1>) {
-        let weight = focal_prior_weight(self.focal_free, NOISE);
+        let weight = focal_prior_weight(self.focal_deviation, NOISE);
         (
             SVector::<f64, 1>::new(weight),
             SVector::<f64, 1>::new(self.log_focal),

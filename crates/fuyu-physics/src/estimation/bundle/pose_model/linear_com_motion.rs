@@ -1,12 +1,13 @@
 //! Torque-free rotation with linear motion of the centre of mass, for a camera that does not rotate.
 //!
-//! Six unknowns replace three per frame, which makes attitudes more certain: a rotation about an axis across the line of
-//! sight can no longer be mistaken for a translation. The residuals show whether the body moves in this way (it does not
-//! if its orbit is curved or the camera accelerates).
+//! Six unknowns replace three per frame, which makes attitudes more certain: a rotation about an axis across the line
+//! of sight can no longer be mistaken for a translation. The residuals show whether the body moves in this way (it
+//! does not if its orbit is curved or the camera accelerates).
 
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::super::free_motion::PARAMETERS;
+use super::super::intrinsics::Intrinsics;
 use super::free_positions::{COMMON, FreePositions};
 use super::{FramePose, PoseModel, TumblingModel};
 
@@ -58,34 +59,10 @@ impl<'a> LinearComMotion<'a> {
         self.start + self.displacement * time_share(&self.rotation, i)
     }
 
-    /// The same motion with a position for each frame.
-    pub fn into_free_positions(self) -> FreePositions<'a> {
-        let t_C = (0..self.rotation.t_C.len())
-            .map(|i| self.position(i))
-            .collect();
-        let mut rotation = self.rotation;
-        rotation.t_C = t_C;
-        rotation
+    /// The rotation, position at the first frame and displacement to the last.
+    pub fn into_parts(self) -> (FreePositions<'a>, Vector3<f64>, Vector3<f64>) {
+        (self.rotation, self.start, self.displacement)
     }
-}
-
-/// Information matrix of the rotation's common unknowns, with the line marginalised out.
-pub fn marginalise_line(
-    information: &SMatrix<f64, ALL, ALL>,
-) -> Option<SMatrix<f64, COMMON, COMMON>> {
-    let kept = |k: usize| if k < PARAMETERS { k } else { ALL - 1 };
-    let own = SMatrix::<f64, COMMON, COMMON>::from_fn(|a, b| information[(kept(a), kept(b))]);
-    let cross =
-        SMatrix::<f64, COMMON, LINE>::from_fn(|a, b| information[(kept(a), PARAMETERS + b)]);
-    let mut line = information
-        .fixed_view::<LINE, LINE>(PARAMETERS, PARAMETERS)
-        .into_owned();
-    // Points and line may shift together along an axis of constant direction; this keeps the matrix regular.
-    let floor = 1e-13 * line.trace();
-    for k in 0..LINE {
-        line[(k, k)] += floor;
-    }
-    Some(own - cross * line.try_inverse()? * cross.transpose())
 }
 
 /// Time of frame `i` as a fraction of the time from the first frame to the last, 0 to 1.
@@ -131,6 +108,8 @@ impl TumblingModel for LinearComMotion<'_> {
 }
 
 impl PoseModel<0, ALL> for LinearComMotion<'_> {
+    const CAMERA: usize = 1;
+
     fn pose(&self, i: usize) -> FramePose {
         FramePose {
             t_C: self.position(i),
@@ -150,8 +129,8 @@ impl PoseModel<0, ALL> for LinearComMotion<'_> {
         pose
     }
 
-    fn log_focal(&self) -> f64 {
-        self.rotation.log_focal
+    fn intrinsics(&self) -> Intrinsics {
+        Intrinsics::of_focal(self.rotation.log_focal)
     }
 
     fn moved(&self, _: &[SVector<f64, 0>], common: &SVector<f64, ALL>) -> Option<Self> {

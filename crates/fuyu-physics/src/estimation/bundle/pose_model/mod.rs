@@ -4,11 +4,17 @@
 //! its own in each frame. [`linear_com_motion`]: torque-free rotation, centre of mass on a straight line. Another
 //! motion of the centre of mass is another file here that implements [`PoseModel`] and [`TumblingModel`].
 
+mod disturbance_basis;
+pub mod disturbed;
 pub mod free_positions;
 pub mod independent_poses;
 pub mod linear_com_motion;
 
+pub use disturbance_basis::responses;
+
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
+
+use super::intrinsics::Intrinsics;
 
 /// Pose of the body in one frame: `x_C = R_CB p_B + t_C`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -20,16 +26,21 @@ pub struct FramePose {
 }
 
 /// The body's pose in every frame as a function of `L` unknowns per frame (the last `L` of rotation and translation;
-/// zero if the common ones determine the pose) and `G` common ones, the last of which is the logarithm of the focal
-/// length's scale.
+/// zero if the common ones determine the pose) and `G` common ones, the last of which are intrinsics of the camera.
 pub trait PoseModel<const L: usize, const G: usize>: Sized {
+    /// Number of intrinsics among the common unknowns, the first ones of [`Intrinsics`].
+    const CAMERA: usize;
     /// The body's pose in frame `i`.
     fn pose(&self, i: usize) -> FramePose;
     /// Derivatives of the pose in frame `i` by the common unknowns: rotation (body axes), then translation (camera
     /// axes).
     fn pose_by_common(&self, i: usize) -> SMatrix<f64, 6, G>;
-    /// Logarithm of the focal length over its nominal value.
-    fn log_focal(&self) -> f64;
+    /// Number of common unknowns that the prior determines instead of the images, as a sum of shares.
+    fn held(&self) -> f64 {
+        0.0
+    }
+    /// The camera's intrinsics.
+    fn intrinsics(&self) -> Intrinsics;
     /// The model after a step in its unknowns; `None` if that is not possible (no such inertia, for example).
     fn moved(&self, frames: &[SVector<f64, L>], common: &SVector<f64, G>) -> Option<Self>;
     /// Prior on the common unknowns: weights \[px²\], and deviations from the expected values.

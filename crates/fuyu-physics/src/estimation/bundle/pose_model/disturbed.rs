@@ -1,0 +1,534 @@
+//! Rotation with disturbances: what keeps a body from rotating freely before a calibrated camera, as unknowns with
+//! priors.
+//!
+//! A random walk of the angular acceleration (inertial axes), errors of the camera's gyro, curvature of the centre of
+//! mass's path, and errors of the camera's intrinsics. Each has a prior width that stands for what is usual;
+//! `prior_scales` chooses a larger or smaller one where the images support it. All of them act to first order on a
+//! torque-free motion.
+
+use std::rc::Rc;
+
+use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
+
+use super::super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
+use super::super::intrinsics::{INTRINSICS, Intrinsics};
+use super::disturbance_basis::{
+    GYRO, Response, clohessy_wiltshire, gyro_error, legendre, responses,
+};
+use super::{FramePose, PoseModel};
+use crate::spatial::exp_so3;
+
+/// Number of intervals in which the angular acceleration is constant.
+pub const STEPS: usize = 4;
+
+/// Number of unknowns of the angular acceleration.
+pub const TORQUE: usize = 3 * STEPS;
+
+/// Unknowns of a path without independent positions: position and velocity, then its curvature.
+pub const LINE: usize = 6;
+const CURVATURE: usize = 9;
+
+/// Index of the first unknown after those of the rotation.
+const OTHERS: usize = PARAMETERS + TORQUE;
+
+/// Number of common unknowns of a smooth path: rotation, torque, path, intrinsics.
+pub const SMOOTH: usize = OTHERS + LINE + CURVATURE + INTRINSICS;
+
+/// Number of common unknowns with independent positions: rotation, torque, gyro, intrinsics.
+pub const INDEPENDENT: usize = OTHERS + GYRO + INTRINSICS;
+
+/// Standard deviation that holds the scale, of the depth.
+const SCALE: f64 = 1e-7;
+
+/// Standard deviations of the disturbances where nothing else is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Widths {
+    /// Angular acceleration \[rad/s²\].
+    pub acceleration: f64,
+    /// Time in which it changes by as much as itself \[s\].
+    pub correlation_time: f64,
+    /// Acceleration of the centre of mass over its distance \[1/s²\].
+    pub path: f64,
+    /// Random walk of the integrated gyro \[rad/√s\].
+    pub gyro_noise: f64,
+    /// Bias of the gyro \[rad/s\].
+    pub gyro_bias: f64,
+    /// Focal length, relative.
+    pub focal: f64,
+    /// Principal point, over the focal length.
+    pub centre: f64,
+    /// First radial coefficient.
+    pub radial: f64,
+}
+
+impl Widths {
+    /// Nothing disturbs a free rotation before a camera whose calibration is exact, as in a simulation.
+    pub const NONE: Self = Self {
+        acceleration: 0.0,
+        correlation_time: 300.0,
+        path: 0.0,
+        gyro_noise: 0.0,
+        gyro_bias: 0.0,
+        focal: 0.0,
+        centre: 0.0,
+        radial: 0.0,
+    };
+}
+
+impl Default for Widths {
+    /// A tracked body in low Earth orbit, before a calibrated camera. Gravity gradient turns a body of moments `A <
+    /// B` by `1.5 n² (B - A) / I`, 1e-6 rad/s² for a body that is as slender as most; drag and outgassing are of the
+    /// same order. The relative acceleration of its centre is `3 n²` times the distance.
+    fn default() -> Self {
+        Self {
+            acceleration: 1e-6,
+            correlation_time: 300.0,
+            path: 4e-6,
+            gyro_noise: 1e-4,
+            gyro_bias: 1e-4,
+            focal: 0.01,
+            centre: 0.005,
+            radial: 0.02,
+        }
+    }
+}
+
+/// A relative orbit whose directions are known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Orbit {
+    /// Orbital rate \[rad/s\].
+    pub rate: f64,
+    /// Direction from the Earth at the first frame, and normal of the orbit, inertial axes.
+    pub directions: (Vector3<f64>, Vector3<f64>),
+}
+
+/// Position by position and displacement of the line, and values of the curvature's polynomials.
+type PathBasis = (Matrix3<f64>, Matrix3<f64>, [f64; 3]);
+
+/// What does not change while the fit moves.
+#[derive(Debug)]
+struct Fixed {
+    times: Vec<f64>,
+    R_WC: Vec<UnitQuaternion<f64>>,
+    gyro: Vec<SMatrix<f64, 3, GYRO>>,
+    /// Position by path unknowns: of position, of displacement, and the curvature's polynomials.
+    path: Vec<PathBasis>,
+    /// The same for the velocity at the last frame.
+    end_rates: PathBasis,
+    widths: Widths,
+    noise: f64,
+}
+
+/// Scales of the prior widths that the images may change.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scales {
+    /// Of the angular acceleration.
+    pub torque: f64,
+    /// Of the curvature of the path, or of the gyro's errors.
+    pub other: f64,
+}
+
+impl Default for Scales {
+    fn default() -> Self {
+        Self {
+            torque: 1.0,
+            other: 1.0,
+        }
+    }
+}
+
+/// A rotation with disturbances. `L` is 0 with a smooth path, and 3 with independent positions.
+#[derive(Debug, Clone)]
+pub struct Disturbed {
+    /// The rotation without disturbances.
+    pub motion: FreeMotion,
+    /// Angular accelerations in units of their widths.
+    torque: SVector<f64, TORQUE>,
+    /// Path (line, curvature) or gyro (bias, increments), the latter in units of their widths.
+    others: SVector<f64, GYRO>,
+    /// Positions, if independent.
+    t_C: Vec<Vector3<f64>>,
+    /// The camera.
+    pub intrinsics: Intrinsics,
+    /// Scales of the priors.
+    pub scales: Scales,
+    /// Number of unknowns that the priors determine, as a sum of shares.
+    pub held: f64,
+    /// Standard deviation of the inertia's shape in the fit; small for a body that is taken to be a sphere, whose
+    /// covariance has [`SHAPE_SPREAD`] nevertheless.
+    pub shape_spread: f64,
+    attitudes: Vec<(UnitQuaternion<f64>, Sensitivity)>,
+    responses: Vec<Response<STEPS>>,
+    fixed: Rc<Fixed>,
+}
+
+/// Course of the acceleration's unknowns over time, in units of their widths.
+fn profile(times: &[f64], widths: &Widths) -> impl Fn(f64) -> [f64; STEPS] {
+    let first = times.first().copied().unwrap_or_default();
+    let interval = (times.last().copied().unwrap_or_default() - first) / STEPS as f64;
+    let step = widths.acceleration * (2.0 * interval / widths.correlation_time).sqrt();
+    let width = widths.acceleration;
+    move |time| {
+        std::array::from_fn(|k| match k {
+            0 => width,
+            _ if time > first + interval * k as f64 => step,
+            _ => 0.0,
+        })
+    }
+}
+
+impl Disturbed {
+    /// `motion` in frames at `times` (ascending) of a camera with attitudes `R_WC`, without disturbances yet. With a
+    /// `line` (position at the first frame, displacement to the last) the path is smooth, otherwise positions are
+    /// `t_C`.
+    #[expect(clippy::too_many_arguments, reason = "all of them are different")]
+    pub fn new(
+        motion: FreeMotion,
+        t_C: Vec<Vector3<f64>>,
+        line: Option<(Vector3<f64>, Vector3<f64>)>,
+        times: &[f64],
+        R_WC: &[UnitQuaternion<f64>],
+        noise: f64,
+        widths: Widths,
+        orbit: Option<Orbit>,
+    ) -> Self {
+        let first = times.first().copied().unwrap_or_default();
+        let whole = (times.last().copied().unwrap_or_default() - first).max(f64::MIN_POSITIVE);
+        // Amplitude of the polynomial of degree 2 for an acceleration that is constant; less for its changes.
+        let bend = widths.path * whole * whole / 12.0;
+        let bends = |values: [f64; 3]| {
+            [
+                bend * values[0],
+                0.25 * bend * values[1],
+                0.06 * bend * values[2],
+            ]
+        };
+        let basis = |t: f64| -> PathBasis {
+            let share = (t - first) / whole;
+            let (by_position, by_displacement) = match orbit {
+                Some(Orbit { rate, directions }) if rate > 0.0 => {
+                    let (radial, normal) = directions;
+                    let (A, B) = clohessy_wiltshire(rate, &radial, &normal, t - first);
+                    (A, B / whole)
+                }
+                _ => (Matrix3::identity(), Matrix3::identity() * share),
+            };
+            (by_position, by_displacement, bends(legendre(share)))
+        };
+        let path = times.iter().map(|t| basis(*t));
+        // Central differences; an orbit is smooth over seconds.
+        let h = 1e-3 * whole;
+        let (before, after) = (basis(first + whole - h), basis(first + whole + h));
+        let end_rates = (
+            (after.0 - before.0) / (2.0 * h),
+            (after.1 - before.1) / (2.0 * h),
+            // The slopes of Legendre polynomials at the end are n (n + 1).
+            bends([6.0, 12.0, 20.0]).map(|b| b / whole),
+        );
+        let is_turning = R_WC.iter().any(|R| *R != UnitQuaternion::identity());
+        let gyro = match is_turning {
+            true => gyro_error(times, R_WC, widths.gyro_noise, widths.gyro_bias),
+            false => vec![SMatrix::zeros(); times.len()],
+        };
+        let fixed = Fixed {
+            path: path.collect(),
+            end_rates,
+            times: times.to_vec(),
+            R_WC: R_WC.to_vec(),
+            gyro,
+            widths,
+            noise,
+        };
+        let mut others = SVector::<f64, GYRO>::zeros();
+        let mut t_C = t_C;
+        // Disturbances without width; the covariance of the fit tells more.
+        let camera = [widths.focal, widths.centre, widths.centre, widths.radial];
+        let is_smooth = line.is_some();
+        let counts = [
+            (widths.acceleration == 0.0, TORQUE),
+            (is_smooth && widths.path == 0.0, CURVATURE),
+            (!is_smooth && !is_turning, GYRO),
+            (true, camera.iter().filter(|width| **width == 0.0).count()),
+        ];
+        let without = counts.iter().filter(|(is_without, _)| *is_without);
+        let held = without.map(|(_, count)| *count as f64).sum();
+        if let Some((start, displacement)) = line {
+            others.fixed_rows_mut::<3>(0).copy_from(&start);
+            others.fixed_rows_mut::<3>(3).copy_from(&displacement);
+            t_C.clear();
+        }
+        let mut model = Self {
+            motion,
+            torque: SVector::zeros(),
+            others,
+            t_C,
+            intrinsics: Intrinsics::default(),
+            scales: Scales::default(),
+            held,
+            shape_spread: SHAPE_SPREAD,
+            attitudes: Vec::new(),
+            responses: Vec::new(),
+            fixed: Rc::new(fixed),
+        };
+        model.propagate();
+        model
+    }
+
+    fn propagate(&mut self) {
+        let Fixed { times, widths, .. } = &*self.fixed;
+        self.attitudes = self.motion.attitudes_and_sensitivities(times);
+        self.responses = responses(&self.motion, times, &self.attitudes, profile(times, widths));
+    }
+
+    /// The frames' times \[s\].
+    pub fn times(&self) -> &[f64] {
+        &self.fixed.times
+    }
+
+    /// Prior widths.
+    pub fn widths(&self) -> &Widths {
+        &self.fixed.widths
+    }
+
+    fn by_torque(&self, i: usize) -> SMatrix<f64, 3, TORQUE> {
+        let mut out = SMatrix::<f64, 3, TORQUE>::zeros();
+        for (k, turn) in self.responses[i].turn.iter().enumerate() {
+            out.fixed_columns_mut::<3>(3 * k).copy_from(turn);
+        }
+        out
+    }
+
+    /// Attitude `R_WB` in frame `i`, and the rotation in it that is due to torques (body axes).
+    fn attitude(&self, i: usize) -> (UnitQuaternion<f64>, Vector3<f64>) {
+        let turn = self.by_torque(i) * self.torque;
+        (self.attitudes[i].0 * exp_so3(&turn), turn)
+    }
+
+    fn position(&self, i: usize) -> Vector3<f64> {
+        match self.t_C.get(i) {
+            Some(t_C) => *t_C,
+            None => {
+                let (by_position, by_displacement, curvature) = &self.fixed.path[i];
+                let vector = |k: usize| self.others.fixed_rows::<3>(3 * k).into_owned();
+                let bent = curvature.iter().zip(2..).map(|(c, k)| vector(k) * *c);
+                by_position * vector(0) + by_displacement * vector(1) + bent.sum::<Vector3<f64>>()
+            }
+        }
+    }
+
+    /// Position and velocity \[1/s\] of the centre of mass at the last frame of a smooth path, in units of its depth
+    /// at the first frame, and their derivatives by the common unknowns. `None` if positions are independent.
+    pub fn last_centre<const G: usize>(
+        &self,
+    ) -> Option<(Vector3<f64>, Vector3<f64>, SMatrix<f64, 6, G>)> {
+        if !self.t_C.is_empty() {
+            return None;
+        }
+        let last = self.times().len() - 1;
+        let mut by_common = SMatrix::<f64, 6, G>::zeros();
+        let (by_position, by_displacement, curvature) = &self.fixed.path[last];
+        let (speed_by_position, speed_by_displacement, bends) = &self.fixed.end_rates;
+        let blocks = [
+            (0, by_position, by_displacement, curvature),
+            (3, speed_by_position, speed_by_displacement, bends),
+        ];
+        for (row, first, second, others) in blocks {
+            by_common
+                .fixed_view_mut::<3, 3>(row, OTHERS)
+                .copy_from(first);
+            by_common
+                .fixed_view_mut::<3, 3>(row, OTHERS + 3)
+                .copy_from(second);
+            for (c, k) in others.iter().zip(2..) {
+                by_common
+                    .fixed_view_mut::<3, 3>(row, OTHERS + 3 * k)
+                    .fill_diagonal(*c);
+            }
+        }
+        let mut unknowns = SVector::<f64, G>::zeros();
+        for k in 0..LINE + CURVATURE {
+            unknowns[OTHERS + k] = self.others[k];
+        }
+        let found = by_common * unknowns;
+        Some((
+            found.fixed_rows::<3>(0).into_owned(),
+            found.fixed_rows::<3>(3).into_owned(),
+            by_common,
+        ))
+    }
+
+    /// The free motion that continues this one after the last frame, with its reference there; the angular
+    /// acceleration (inertial axes, \[rad/s²\]) at that time; and the derivatives of rotation (body axes), shape,
+    /// momentum and acceleration at the last frame by the common unknowns.
+    pub fn last_state<const G: usize>(&self) -> (FreeMotion, Vector3<f64>, SMatrix<f64, 14, G>) {
+        let last = self.times().len() - 1;
+        let time = self.times()[last];
+        let impulse = self.responses[last].impulse;
+        let heights = profile(self.times(), &self.fixed.widths)(time);
+        let each = |weights: &[f64; STEPS]| {
+            let mut sum = Vector3::zeros();
+            for (k, weight) in weights.iter().enumerate() {
+                sum += self.torque.fixed_rows::<3>(3 * k) * *weight;
+            }
+            sum
+        };
+        let (R_WB, turn) = self.attitude(last);
+        let motion = FreeMotion {
+            momentum: self.motion.momentum + each(&impulse),
+            time,
+            R_WB,
+            ..self.motion
+        };
+        let mut by_common = SMatrix::<f64, 14, G>::zeros();
+        let back = exp_so3(&-turn).to_rotation_matrix();
+        let by_motion = back.matrix() * self.attitudes[last].1;
+        by_common
+            .fixed_view_mut::<3, PARAMETERS>(0, 0)
+            .copy_from(&by_motion);
+        by_common
+            .fixed_view_mut::<3, TORQUE>(0, PARAMETERS)
+            .copy_from(&self.by_torque(last));
+        for k in 0..PARAMETERS {
+            by_common[(3 + k, k)] = 1.0;
+        }
+        for (k, (impulse, height)) in impulse.iter().zip(&heights).enumerate() {
+            for a in 0..3 {
+                by_common[(8 + a, PARAMETERS + 3 * k + a)] = *impulse;
+                by_common[(11 + a, PARAMETERS + 3 * k + a)] = *height;
+            }
+        }
+        (motion, each(&heights), by_common)
+    }
+
+    /// Values of the common unknowns whose prior is not flat, zero for the others.
+    pub fn distances<const L: usize, const G: usize>(&self) -> SVector<f64, G> {
+        let mut out = SVector::<f64, G>::zeros();
+        out.fixed_rows_mut::<5>(0)
+            .copy_from(&shape_of(&self.motion.inertia));
+        out.fixed_rows_mut::<TORQUE>(PARAMETERS)
+            .copy_from(&self.torque);
+        let from = if L == 0 { LINE } else { 0 };
+        for k in from..G - OTHERS - INTRINSICS {
+            out[OTHERS + k] = self.others[k];
+        }
+        let camera = self.intrinsics;
+        let values = [
+            camera.log_focal,
+            camera.centre.x,
+            camera.centre.y,
+            camera.radial,
+        ];
+        for (k, value) in values.into_iter().enumerate() {
+            out[G - INTRINSICS + k] = value;
+        }
+        out
+    }
+
+    /// Standard deviations of the priors on the common unknowns with `scales`; infinite where the prior is flat.
+    pub fn deviations<const L: usize, const G: usize>(&self, scales: Scales) -> SVector<f64, G> {
+        let widths = self.fixed.widths;
+        let curved = OTHERS + if L == 0 { LINE } else { 0 };
+        let camera = [widths.focal, widths.centre, widths.centre, widths.radial];
+        SVector::from_fn(|k, _| match k {
+            0..5 => SHAPE_SPREAD,
+            _ if k < PARAMETERS => f64::INFINITY,
+            _ if k < OTHERS => scales.torque,
+            // The images do not determine the scale: the depth of the centre in the first frame is the unit.
+            _ if L == 0 && k == OTHERS + 2 => SCALE,
+            _ if k < curved => f64::INFINITY,
+            _ if k < G - INTRINSICS => scales.other,
+            _ => camera[k + INTRINSICS - G],
+        })
+    }
+}
+
+impl<const L: usize, const G: usize> PoseModel<L, G> for Disturbed {
+    const CAMERA: usize = INTRINSICS;
+
+    fn pose(&self, i: usize) -> FramePose {
+        let mut R_WB = self.attitude(i).0;
+        if L == 3 {
+            R_WB = exp_so3(&-(self.fixed.gyro[i] * self.others)) * R_WB;
+        }
+        FramePose {
+            R_CB: self.fixed.R_WC[i].inverse() * R_WB,
+            t_C: self.position(i),
+        }
+    }
+
+    fn pose_by_common(&self, i: usize) -> SMatrix<f64, 6, G> {
+        let mut pose = SMatrix::<f64, 6, G>::zeros();
+        let (R_WB, turn) = self.attitude(i);
+        let back = exp_so3(&-turn).to_rotation_matrix();
+        pose.fixed_view_mut::<3, PARAMETERS>(0, 0)
+            .copy_from(&(back.matrix() * self.attitudes[i].1));
+        pose.fixed_view_mut::<3, TORQUE>(0, PARAMETERS)
+            .copy_from(&self.by_torque(i));
+        if L == 0 {
+            let (by_position, by_displacement, curvature) = &self.fixed.path[i];
+            pose.fixed_view_mut::<3, 3>(3, OTHERS)
+                .copy_from(by_position);
+            pose.fixed_view_mut::<3, 3>(3, OTHERS + 3)
+                .copy_from(by_displacement);
+            for (c, k) in curvature.iter().zip(2..) {
+                pose.fixed_view_mut::<3, 3>(3, OTHERS + 3 * k)
+                    .fill_diagonal(*c);
+            }
+        } else {
+            let R_BW = R_WB.inverse().to_rotation_matrix();
+            pose.fixed_view_mut::<3, GYRO>(0, OTHERS)
+                .copy_from(&(-R_BW.matrix() * self.fixed.gyro[i]));
+        }
+        pose
+    }
+
+    fn intrinsics(&self) -> Intrinsics {
+        self.intrinsics
+    }
+
+    fn held(&self) -> f64 {
+        self.held
+    }
+
+    fn moved(&self, frames: &[SVector<f64, L>], common: &SVector<f64, G>) -> Option<Self> {
+        let motion = self
+            .motion
+            .moved(&common.fixed_rows::<PARAMETERS>(0).into_owned())?;
+        let mut others = self.others;
+        for k in 0..G - OTHERS - INTRINSICS {
+            others[k] += common[OTHERS + k];
+        }
+        let camera = |k: usize| common[G - INTRINSICS + k];
+        let mut moved = Self {
+            motion,
+            torque: self.torque + common.fixed_rows::<TORQUE>(PARAMETERS),
+            others,
+            t_C: (self.t_C.iter().zip(frames))
+                .map(|(t, d)| t + Vector3::from_fn(|k, _| d[k]))
+                .collect(),
+            intrinsics: Intrinsics {
+                log_focal: self.intrinsics.log_focal + camera(0),
+                centre: self.intrinsics.centre + Vector2::new(camera(1), camera(2)),
+                radial: self.intrinsics.radial + camera(3),
+            },
+            attitudes: Vec::new(),
+            responses: Vec::new(),
+            scales: self.scales,
+            held: self.held,
+            shape_spread: self.shape_spread,
+            fixed: Rc::clone(&self.fixed),
+        };
+        moved.propagate();
+        Some(moved)
+    }
+
+    fn prior(&self) -> (SVector<f64, G>, SVector<f64, G>) {
+        let noise = self.fixed.noise;
+        let mut deviations = self.deviations::<L, G>(self.scales);
+        deviations.rows_mut(0, 5).fill(self.shape_spread);
+        (
+            deviations.map(|d| (noise / d.max(1e-9)).powi(2)),
+            self.distances::<L, G>(),
+        )
+    }
+}

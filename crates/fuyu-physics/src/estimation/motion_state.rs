@@ -1,0 +1,342 @@
+//! State of a tumbling body at one time with its covariance: what batch and filter hand on.
+
+use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng, rngs::StdRng};
+use rand_distr::StandardNormal;
+
+use super::bundle::{FreeMotion, PARAMETERS, derivatives, responses, shape_of, shape_times};
+use super::free_body::FreeRotation;
+use crate::spatial::exp_so3;
+
+/// Number of error states: rotation of the body (3, body axes), shape of its inertia (5), momentum (3, inertial axes,
+/// on the scale of an inertia of trace 3), angular acceleration due to torques (3, inertial axes).
+pub const STATES: usize = 3 + PARAMETERS + 3;
+
+/// Index of the angular acceleration.
+const ACCELERATION: usize = 3 + PARAMETERS;
+
+/// Covariance of the error states.
+pub type StateCovariance = SMatrix<f64, STATES, STATES>;
+
+/// Largest rotation between two nodes of an integral over the motion \[rad\].
+const NODE_TURN: f64 = 0.25;
+
+/// Largest number of nodes.
+const MAX_NODES: f64 = 400.0;
+
+/// Standard deviation of a rotation above which its error is not linear in that of the state \[rad\].
+const LINEAR: f64 = 0.12;
+
+/// Number of pairs of random states, and the seed of their generator.
+const DRAWS: usize = 60;
+const SEED: u64 = 20;
+
+/// Part of a sampled spread that is taken to be in all directions: for a small one, and more per radian of its
+/// deviation, as rotations in different directions mix.
+const ISOTROPIC: f64 = 0.15;
+const ISOTROPIC_PER_RADIAN: f64 = 0.6;
+
+/// Error states.
+type StateVector = SVector<f64, STATES>;
+
+/// A square root of a covariance, which may be singular.
+fn square_root(covariance: &StateCovariance) -> StateCovariance {
+    let eigen = covariance.symmetric_eigen();
+    let roots = eigen.eigenvalues.map(|v| v.max(0.0).sqrt());
+    eigen.eigenvectors * StateCovariance::from_diagonal(&roots)
+}
+
+/// Random walks that disturb a free rotation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Disturbance {
+    /// Random walk of the momentum, relative to it \[1/√s\]: torques that change from frame to frame.
+    pub momentum_walk: f64,
+    /// Random walk of the angular acceleration \[rad/s²/√s\]: torques that last.
+    pub acceleration_walk: f64,
+}
+
+impl Disturbance {
+    /// No disturbance.
+    pub const NONE: Self = Self {
+        momentum_walk: 0.0,
+        acceleration_walk: 0.0,
+    };
+}
+
+/// A torque-free motion with its reference at the time of the state, and what is not known about it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MotionState {
+    /// The motion.
+    pub motion: FreeMotion,
+    /// Angular acceleration due to torques, inertial axes \[rad/s²\]; the motion's future does not contain it.
+    pub acceleration: Vector3<f64>,
+    /// Covariance of the error states.
+    pub covariance: StateCovariance,
+    /// Random walk of the acceleration in predictions \[rad/s²/√s\].
+    pub acceleration_walk: f64,
+}
+
+impl MotionState {
+    /// Attitudes at ascending `times`, all after the state's time or all before, and the derivatives of the rotation
+    /// there by the states, body axes: `R exp([X δ]×)`.
+    fn rotations_by_state(
+        &self,
+        times: &[f64],
+    ) -> Vec<(UnitQuaternion<f64>, SMatrix<f64, 3, STATES>)> {
+        let from = self.motion.time;
+        let rate = self.motion.w_WB_B(&self.motion.R_WB).norm();
+        let is_before = times.first().is_some_and(|t| *t < from);
+        let mut order: Vec<f64> = times.to_vec();
+        if is_before {
+            order.reverse();
+        }
+        // Nodes of the integrals over torques, close enough for the rotation between them.
+        let (mut nodes, mut wanted, mut last) = (Vec::new(), Vec::new(), from);
+        for t in order {
+            let turn = rate * (t - last).abs();
+            let count = (turn / NODE_TURN).ceil().clamp(1.0, MAX_NODES) as u32;
+            let step = (t - last) / f64::from(count);
+            nodes.extend((1..count).map(|k| last + step * f64::from(k)));
+            wanted.push(nodes.len());
+            nodes.push(t);
+            last = t;
+        }
+        let count = nodes.len();
+        if is_before {
+            nodes.reverse();
+            wanted = wanted.iter().rev().map(|i| count - 1 - i).collect();
+        }
+        let attitudes = self.motion.attitudes_and_sensitivities(&nodes);
+        let all = responses(&self.motion, &nodes, &attitudes, |_| [1.0]);
+        let each = wanted.into_iter().map(|i| {
+            let (R, S) = attitudes[i];
+            let mut X = SMatrix::<f64, 3, STATES>::zeros();
+            X.fixed_columns_mut::<3>(0)
+                .copy_from(&self.motion.turn_by_turn(&S));
+            X.fixed_columns_mut::<PARAMETERS>(3).copy_from(&S);
+            X.fixed_columns_mut::<3>(ACCELERATION)
+                .copy_from(&all[i].turn[0]);
+            (R, X)
+        });
+        each.collect()
+    }
+
+    fn rotation_by_state(&self, to: f64) -> (UnitQuaternion<f64>, SMatrix<f64, 3, STATES>) {
+        let only = self.rotations_by_state(&[to]).pop();
+        only.unwrap_or_else(|| (self.motion.R_WB, SMatrix::zeros()))
+    }
+
+    /// Covariances of the rotations between the state's time and ascending `times` after it \[s\], if they are
+    /// computed from the motion: of the rotation vector of the error in inertial axes \[rad²\], where `estimate =
+    /// exp(error) truth`. Torques go on acting: the acceleration, whose effect the motion does not contain, counts as
+    /// an error.
+    ///
+    /// The covariance is that of the linearised motion while that is small; where it is not, it is the mean square of
+    /// the errors of random states, each of which moves by Euler's equations.
+    pub fn turn_covariances(&self, times: &[f64]) -> Vec<Matrix3<f64>> {
+        let before = SMatrix::<f64, 3, STATES>::identity();
+        let each = self.rotations_by_state(times).into_iter().zip(times);
+        let mut covariances: Vec<Matrix3<f64>> = each
+            .map(|((R, X), t)| self.spread(&R, &(X - before), *t))
+            .collect();
+        let is_large = |c: &Matrix3<f64>| c.trace().is_nan() || c.trace() >= LINEAR * LINEAR;
+        let Some(first) = covariances.iter().position(is_large) else {
+            return covariances;
+        };
+        if let Some(sampled) = self.sampled_spreads(&times[first..]) {
+            for (covariance, sampled) in covariances[first..].iter_mut().zip(sampled) {
+                *covariance = sampled;
+            }
+        }
+        covariances
+    }
+
+    /// Mean squares of the errors of random states' rotations, by time.
+    fn sampled_spreads(&self, times: &[f64]) -> Option<Vec<Matrix3<f64>>> {
+        let nominal = self.motion.attitudes(times);
+        let start = self.motion.R_WB;
+        let factor = square_root(&self.covariance);
+        let mut rng = StdRng::seed_from_u64(SEED);
+        let mut sums = vec![Matrix3::zeros(); times.len()];
+        let mut count = 0.0;
+        for _ in 0..DRAWS {
+            let unit = StateVector::from_fn(|_, _| rng.sample::<f64, _>(StandardNormal));
+            let step = factor * unit;
+            for step in [step, -step] {
+                let Some(motion) = self.disturbed(&step) else {
+                    continue;
+                };
+                let attitudes = motion.attitudes(times);
+                for (sum, (R, nominal)) in sums.iter_mut().zip(attitudes.iter().zip(&nominal)) {
+                    // The rotation since the state's time of the estimate, relative to that of the sample.
+                    let turn = (nominal * start.inverse()) * (R * motion.R_WB.inverse()).inverse();
+                    let error = turn.scaled_axis();
+                    *sum += error * error.transpose();
+                }
+                count += 1.0;
+            }
+        }
+        // Samples say nothing about rare errors: a part of the spread is taken to be in all directions.
+        let widened = |sum: Matrix3<f64>| {
+            let mean = sum / f64::max(count, 1.0);
+            let share = ISOTROPIC + ISOTROPIC_PER_RADIAN * mean.trace().sqrt().min(1.0);
+            mean + Matrix3::identity() * (share * mean.trace() / 3.0)
+        };
+        (count > 0.0).then(|| sums.into_iter().map(widened).collect())
+    }
+
+    /// The motion of a state that differs by `step`. The angular velocity changes to first order with the step, so
+    /// that an uncertain inertia does not make it uncertain; the momentum follows.
+    fn disturbed(&self, step: &StateVector) -> Option<FreeMotion> {
+        let (w, slope) = self.angular_velocity_slope();
+        let w_W = w + slope * step;
+        let shape = shape_of(&self.motion.inertia) + step.fixed_rows::<5>(3);
+        let R_WB = self.motion.R_WB * exp_so3(&step.fixed_rows::<3>(0).into_owned());
+        // No body has some of the shapes: such a sample is moved towards the estimate.
+        let nominal = shape_of(&self.motion.inertia);
+        let mut possible = None;
+        for part in [1.0, 0.7, 0.4, 0.0] {
+            let shape = nominal + (shape - nominal) * part;
+            let inertia = FreeMotion::new(&shape, self.motion.momentum, self.motion.time, R_WB);
+            if let Some(found) = inertia {
+                possible = Some(found);
+                break;
+            }
+        }
+        let motion = possible?;
+        let w_B = R_WB.inverse_transform_vector(&w_W);
+        Some(FreeMotion {
+            momentum: R_WB * (motion.inertia * w_B),
+            ..motion
+        })
+    }
+
+    /// The same for the rotation from one time to another \[s\].
+    pub fn covariance_between(&self, from: f64, to: f64) -> Matrix3<f64> {
+        if from == self.motion.time && to > from {
+            let only = self.turn_covariances(&[to]);
+            return only.into_iter().sum();
+        }
+        let (R, X) = self.rotation_by_state(to);
+        let before = self.rotation_by_state(from).1;
+        self.spread(&R, &(X - before), to)
+    }
+
+    fn spread(
+        &self,
+        R: &UnitQuaternion<f64>,
+        by_state: &SMatrix<f64, 3, STATES>,
+        to: f64,
+    ) -> Matrix3<f64> {
+        let mut covariance = self.covariance;
+        let mean = self.acceleration * self.acceleration.transpose();
+        let span = (to - self.motion.time).abs();
+        let walk = Matrix3::identity() * (self.acceleration_walk.powi(2) * span / 3.0);
+        let mut block = covariance.fixed_view_mut::<3, 3>(ACCELERATION, ACCELERATION);
+        block += mean + walk;
+        let turn = R.to_rotation_matrix() * by_state;
+        let spread = turn * covariance * turn.transpose();
+        (spread + spread.transpose()) * 0.5
+    }
+
+    /// Angular velocity in inertial axes \[rad/s\], and its covariance.
+    pub fn angular_velocity(&self) -> (Vector3<f64>, Matrix3<f64>) {
+        let (w, slope) = self.angular_velocity_slope();
+        (w, slope * self.covariance * slope.transpose())
+    }
+
+    /// Angular velocity in inertial axes \[rad/s\], and its derivatives by the states.
+    fn angular_velocity_slope(&self) -> (Vector3<f64>, SMatrix<f64, 3, STATES>) {
+        let R = *self.motion.R_WB.to_rotation_matrix().matrix();
+        let w = self.motion.w_WB_B(&self.motion.R_WB);
+        let mut slope = SMatrix::<f64, 3, STATES>::zeros();
+        let Some(inverse) = self.motion.inertia.try_inverse() else {
+            return (R * w, slope);
+        };
+        let h = R.tr_mul(&self.motion.momentum);
+        let by_turn = R * (inverse * h.cross_matrix() - w.cross_matrix());
+        slope.fixed_columns_mut::<3>(0).copy_from(&by_turn);
+        slope
+            .fixed_columns_mut::<5>(3)
+            .copy_from(&(-R * inverse * shape_times(&w)));
+        slope
+            .fixed_columns_mut::<3>(8)
+            .copy_from(&(R * inverse * R.transpose()));
+        (R * w, slope)
+    }
+
+    /// Covariance of the attitude \[rad²\], as a rotation in inertial axes.
+    pub fn attitude_covariance(&self) -> Matrix3<f64> {
+        let R = *self.motion.R_WB.to_rotation_matrix().matrix();
+        R * self.covariance.fixed_view::<3, 3>(0, 0) * R.transpose()
+    }
+
+    /// Covariance of the direction of the angular momentum, inertial axes \[rad²\].
+    pub fn momentum_direction_covariance(&self) -> Matrix3<f64> {
+        let size = self.motion.momentum.norm().max(f64::MIN_POSITIVE);
+        let along = self.motion.momentum / size;
+        let across = (Matrix3::identity() - along * along.transpose()) / size;
+        across * self.covariance.fixed_view::<3, 3>(8, 8) * across
+    }
+
+    /// Derivatives of `(J_x, J_y, J_z, alpha)` by shape and momentum, and by a rotation of the body.
+    fn derivatives_of_parameters(&self, J: &Vector3<f64>) -> SMatrix<f64, 4, STATES> {
+        let slopes = derivatives(&self.motion, J);
+        let mut all = SMatrix::<f64, 4, STATES>::zeros();
+        // A rotation of the body acts like the inverse rotation of the momentum on the energy.
+        let by_turn = slopes.fixed_columns::<5>(0) * self.motion.shape_by_turn();
+        all.fixed_columns_mut::<3>(0).copy_from(&by_turn);
+        all.fixed_columns_mut::<PARAMETERS>(3).copy_from(&slopes);
+        all
+    }
+
+    /// Covariance of `(J_x, J_y, J_z, alpha)` \[s⁴\] for moments in the order of `J`.
+    pub fn parameter_covariance(&self, J: &Vector3<f64>) -> Matrix4<f64> {
+        let slopes = self.derivatives_of_parameters(J);
+        let spread = slopes * self.covariance * slopes.transpose();
+        (spread + spread.transpose()) * 0.5
+    }
+
+    /// The motion in closed form. `None` if the body does not rotate.
+    pub fn rotation(&self) -> Option<FreeRotation> {
+        let w = self.motion.w_WB_B(&self.motion.R_WB);
+        FreeRotation::new(&self.motion.inertia, self.motion.R_WB, &w, self.motion.time).ok()
+    }
+
+    /// Propagates the state to `time` \[s\].
+    pub fn predict(&mut self, time: f64, disturbance: &Disturbance) {
+        let step = time - self.motion.time;
+        let (R_WB, by_state) = self.rotation_by_state(time);
+        let mut transition = StateCovariance::identity();
+        transition
+            .fixed_view_mut::<3, STATES>(0, 0)
+            .copy_from(&by_state);
+        for k in 0..3 {
+            transition[(8 + k, ACCELERATION + k)] = step;
+        }
+        self.covariance = transition * self.covariance * transition.transpose();
+        let walk = disturbance.momentum_walk * self.motion.momentum.norm();
+        for k in 0..3 {
+            self.covariance[(8 + k, 8 + k)] += walk * walk * step.abs();
+            self.covariance[(ACCELERATION + k, ACCELERATION + k)] +=
+                disturbance.acceleration_walk.powi(2) * step.abs();
+        }
+        let turn = by_state.fixed_columns::<3>(ACCELERATION) * self.acceleration;
+        self.motion.R_WB = R_WB * exp_so3(&turn);
+        self.motion.momentum += self.acceleration * step;
+        self.motion.time = time;
+    }
+
+    /// The state after a change of its errors; `None` if no body has such an inertia.
+    pub fn moved(&self, step: &SVector<f64, STATES>) -> Option<Self> {
+        let turned = FreeMotion {
+            R_WB: self.motion.R_WB * exp_so3(&step.fixed_rows::<3>(0).into_owned()),
+            ..self.motion
+        };
+        Some(Self {
+            motion: turned.moved(&step.fixed_rows::<PARAMETERS>(3).into_owned())?,
+            acceleration: self.acceleration + step.fixed_rows::<3>(ACCELERATION),
+            ..self.clone()
+        })
+    }
+}

@@ -1,0 +1,337 @@
+//! Output of `fuyu estimate`: JSON and text.
+
+use std::{fmt::Write as _, str::FromStr};
+
+use nalgebra::{Matrix3, SMatrix, Vector3};
+use serde::Serialize;
+
+use super::{Args, Found};
+use crate::{
+    cli::Failure,
+    estimation::bundle::{BodyPoint, CentreMotion},
+    spatial::unwound,
+};
+
+/// Two points with the distance between them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct KnownDistance {
+    ids: [u64; 2],
+    /// \[m\].
+    distance: f64,
+}
+
+impl FromStr for KnownDistance {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || {
+            format!("'{text}' is not ID,ID,M: two different point ids and a positive distance [m]")
+        };
+        let parts: Vec<&str> = text.split(',').map(str::trim).collect();
+        let [a, b, distance] = parts.as_slice() else {
+            return Err(wrong());
+        };
+        let ids = [a, b].map(|id| id.parse::<u64>());
+        let distance: f64 = distance.parse().map_err(|_| wrong())?;
+        match ids {
+            [Ok(a), Ok(b)] if a != b && distance.is_finite() && distance > 0.0 => Ok(Self {
+                ids: [a, b],
+                distance,
+            }),
+            _ => Err(wrong()),
+        }
+    }
+}
+
+type Rows = [[f64; 3]; 3];
+
+/// Output of `--json`.
+#[derive(Serialize)]
+#[allow(non_snake_case)]
+pub(super) struct Report {
+    pub method: &'static str,
+    pub model: &'static str,
+    pub J: Option<[f64; 3]>,
+    pub alpha: f64,
+    angular_velocity: Vec<RateOutput>,
+    pub prediction: Vec<AttitudeOutput>,
+    pub rms: f64,
+    /// Of `J`, `alpha`.
+    pub covariance: Option<[[f64; 4]; 4]>,
+    /// Rows: the axes of `J` in the body axes of `q`.
+    principal_axes: Option<Rows>,
+    state: Option<StateOutput>,
+    momentum: MomentumOutput,
+    points: Vec<PointOutput>,
+    centre: Option<CentreOutput>,
+    pub focal_length: Option<f64>,
+    focal_length_deviation: Option<f64>,
+    principal_point: Option<[f64; 2]>,
+    radial_distortion: Option<f64>,
+    axes_time: f64,
+    pub notes: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct RateOutput {
+    t: f64,
+    w: [f64; 3],
+}
+
+#[derive(Serialize)]
+pub(super) struct AttitudeOutput {
+    pub t: f64,
+    /// x, y, z, w.
+    q: [f64; 4],
+    /// Of the rotation since the last frame \[rad²\].
+    turn_covariance: Option<Rows>,
+}
+
+/// State at the last frame.
+#[derive(Serialize)]
+struct StateOutput {
+    t: f64,
+    q: [f64; 4],
+    /// Of the attitude \[rad²\].
+    attitude_covariance: Rows,
+    w: [f64; 3],
+    /// Of the angular velocity \[rad²/s²\].
+    w_covariance: Rows,
+    /// Angular acceleration by torques \[rad/s²\].
+    angular_acceleration: [f64; 3],
+}
+
+#[derive(Serialize)]
+struct MomentumOutput {
+    /// Direction of the angular momentum.
+    direction: [f64; 3],
+    /// Of the direction \[rad²\].
+    covariance: Option<Rows>,
+    /// Momentum over twice the kinetic energy \[s\].
+    over_twice_energy: f64,
+}
+
+#[derive(Serialize)]
+struct PointOutput {
+    id: u64,
+    /// Body axes of `q`; see `centre` for the unit.
+    p: [f64; 3],
+    covariance: Option<Rows>,
+}
+
+/// The centre of mass at the last frame.
+#[derive(Serialize)]
+struct CentreOutput {
+    position: [f64; 3],
+    velocity: [f64; 3],
+    /// Of position and velocity.
+    covariance: [[f64; 6]; 6],
+    /// `m`, or `depth` if the scale is not determined: the depth of the centre in the first frame.
+    unit: &'static str,
+}
+
+fn rows(m: &Matrix3<f64>) -> Rows {
+    m.transpose().into()
+}
+
+impl Report {
+    pub(super) fn new(found: &Found, args: &Args) -> Result<Self, Failure> {
+        let (estimated, R_CI) = (&found.estimated, found.R_IC.inverse());
+        let motion = &estimated.motion;
+        let R = *R_CI.to_rotation_matrix().matrix();
+        let turned = |m: &Matrix3<f64>| rows(&(R * m * R.transpose()));
+        let steps = (args.predict * args.predict_rate + 1e-9).floor() as u32;
+        let time = |k: u32| found.end + f64::from(k) / args.predict_rate;
+        let times: Vec<f64> = (0..=steps).map(time).collect();
+        let spreads = estimated.state.as_ref().map(|s| s.turn_covariances(&times));
+        let attitudes = times.iter().map(|t| estimated.seen_from(&found.R_IC, *t).0);
+        let prediction = (0..).zip(unwound(attitudes)).map(|(k, q)| AttitudeOutput {
+            t: times[k],
+            q: [q.i, q.j, q.k, q.w],
+            turn_covariance: spreads.as_ref().map(|s| turned(&s[k])),
+        });
+        let state = estimated.state.as_ref().map(|state| {
+            let (R_CB, w) = estimated.seen_from(&found.R_IC, found.end);
+            StateOutput {
+                t: found.end,
+                q: [R_CB.i, R_CB.j, R_CB.k, R_CB.w],
+                attitude_covariance: turned(&state.attitude_covariance()),
+                w: w.into(),
+                w_covariance: turned(&state.angular_velocity().1),
+                angular_acceleration: (R * state.acceleration).into(),
+            }
+        });
+        let direction = R_CI * motion.momentum_direction();
+        let mut notes = estimated.diagnosis.clone();
+        let solution = estimated.solution.as_ref();
+        let scale = match (args.distance, solution) {
+            (Some(known), Some(solution)) => {
+                Some(scale(&known, &solution.points).map_err(Failure::Input)?)
+            }
+            (Some(_), None) => {
+                return Err(Failure::Input(
+                    "--distance needs feature tracks and --method bundle".to_owned(),
+                ));
+            }
+            _ => None,
+        };
+        if let Some(solution) = solution {
+            if scale.is_none() {
+                notes.push(
+                    "the scale is not determined: lengths are in units of the body's depth; give one distance between two \
+                     points (--distance)"
+                        .to_owned(),
+                );
+            }
+            if solution.centre.is_none() {
+                notes.push(
+                    "the centre of mass is not determined: its path is not smooth, or the camera rotates".to_owned(),
+                );
+            }
+        }
+        let (length, deviation) = scale.unwrap_or((1.0, 0.0));
+        let unit = if scale.is_some() { "m" } else { "depth" };
+        let estimates_focal = solution.filter(|s| s.focal_deviation.is_some());
+        let points = solution.map(|s| s.points.as_slice()).unwrap_or_default();
+        let rates = estimated.w_IB_I.iter();
+        Ok(Self {
+            method: estimated.method.name(),
+            model: motion.model().name(),
+            J: motion.J().map(Into::into),
+            alpha: motion.alpha(),
+            angular_velocity: rates
+                .map(|(t, w)| RateOutput {
+                    t: *t,
+                    w: (R_CI * w).into(),
+                })
+                .collect(),
+            prediction: prediction.collect(),
+            rms: motion.rms(),
+            covariance: motion.covariance().map(|c| c.transpose().into()),
+            principal_axes: motion.principal_axes().as_ref().map(rows),
+            state,
+            momentum: MomentumOutput {
+                direction: direction.into_inner().into(),
+                covariance: (estimated.state.as_ref())
+                    .map(|s| turned(&s.momentum_direction_covariance())),
+                over_twice_energy: motion.alpha().sqrt(),
+            },
+            points: points
+                .iter()
+                .map(|p| PointOutput {
+                    id: p.id,
+                    p: (p.p_B * length).into(),
+                    covariance: p.covariance.as_ref().map(|c| {
+                        let along = p.p_B * deviation;
+                        rows(&(c * length.powi(2) + along * along.transpose()))
+                    }),
+                })
+                .collect(),
+            centre: (solution.and_then(|s| s.centre.as_ref()))
+                .map(|c| CentreOutput::new(c, length, deviation, unit)),
+            focal_length: estimates_focal.map(|s| s.camera.fx),
+            focal_length_deviation: estimates_focal
+                .and_then(|s| Some(s.focal_deviation? * s.camera.fx)),
+            principal_point: estimates_focal.map(|s| [s.camera.cx, s.camera.cy]),
+            radial_distortion: estimates_focal.map(|s| s.radial),
+            axes_time: found.end,
+            notes,
+        })
+    }
+}
+
+/// Metres per unit of length, with standard deviation, from a known distance.
+fn scale(known: &KnownDistance, points: &[BodyPoint]) -> Result<(f64, f64), String> {
+    let find = |id: u64| {
+        points.iter().find(|p| p.id == id).ok_or_else(|| {
+            format!("--distance: point {id} is not among the points that were reconstructed")
+        })
+    };
+    let (a, b) = (find(known.ids[0])?, find(known.ids[1])?);
+    let apart = a.p_B - b.p_B;
+    let length = apart.norm();
+    if length < 1e-9 {
+        return Err("--distance: the two points coincide".to_owned());
+    }
+    let spread: Matrix3<f64> = [a, b].into_iter().filter_map(|p| p.covariance).sum();
+    let deviation = apart.dot(&(spread * apart)).max(0.0).sqrt() / length;
+    let scale = known.distance / length;
+    Ok((scale, scale * deviation / length))
+}
+
+impl CentreOutput {
+    fn new(centre: &CentreMotion, length: f64, deviation: f64, unit: &'static str) -> Self {
+        let mut both = SMatrix::<f64, 6, 1>::zeros();
+        both.fixed_rows_mut::<3>(0).copy_from(&centre.position);
+        both.fixed_rows_mut::<3>(3).copy_from(&centre.velocity);
+        let along = both * deviation;
+        let covariance = centre.covariance * length.powi(2) + along * along.transpose();
+        Self {
+            position: (centre.position * length).into(),
+            velocity: (centre.velocity * length).into(),
+            covariance: covariance.into(),
+            unit,
+        }
+    }
+}
+
+/// The table that is printed without `--json`.
+pub(super) fn to_text(found: &Found, report: &Report) -> String {
+    let mut out = String::new();
+    // Writing to a string cannot fail.
+    let mut row = |label: &str, value: String| {
+        let _ = writeln!(out, "{label:<28}{value}");
+    };
+    row("input", found.input.clone());
+    row("method", report.method.to_owned());
+    row("model", report.model.replace('_', " "));
+    let triple = |v: &[f64; 3]| format!("{:.6}  {:.6}  {:.6}", v[0], v[1], v[2]);
+    let deviations = report
+        .covariance
+        .map(|c| [0, 1, 2, 3].map(|i| c[i][i].sqrt()));
+    let spread = |d: &[f64]| {
+        let d: Vec<_> = d.iter().map(|d| format!("{d:.1e}")).collect();
+        format!("  +- {}", d.join("  "))
+    };
+    let J = (report.J.as_ref()).map_or("not determined by this motion".to_owned(), triple);
+    let uncertainty = deviations.map_or_else(String::new, |d| spread(&d[..3]));
+    row("J [s2]", J + &uncertainty);
+    let uncertainty = deviations.map_or_else(String::new, |d| spread(&d[3..]));
+    row("alpha [s2]", format!("{:.6}{uncertainty}", report.alpha));
+    let w: Vector3<f64> = found.estimated.seen_from(&found.R_IC, found.end).1;
+    let diagonal = |m: &Rows| [0, 1, 2].map(|k| m[k][k].max(0.0).sqrt());
+    let uncertainty =
+        (report.state.as_ref()).map_or_else(String::new, |s| spread(&diagonal(&s.w_covariance)));
+    row(
+        "angular velocity [rad/s]",
+        format!("{}{uncertainty} at {:.3} s", triple(&w.into()), found.end),
+    );
+    row("momentum direction", triple(&report.momentum.direction));
+    row("residual", format!("{:.4} {} rms", report.rms, found.unit));
+    if let (Some(focal), Some(deviation)) = (report.focal_length, report.focal_length_deviation) {
+        row(
+            "focal length [px]",
+            format!("{focal:.2}  +- {deviation:.2}"),
+        );
+    }
+    if let (Some(first), Some(last)) = (report.prediction.first(), report.prediction.last()) {
+        let deviation = (last.turn_covariance.as_ref()).map_or_else(String::new, |c| {
+            let square: f64 = (0..3).map(|k| c[k][k]).sum();
+            format!(
+                " (standard deviation at the end {:.3} deg)",
+                square.max(0.0).sqrt().to_degrees()
+            )
+        });
+        row(
+            "predicted",
+            format!(
+                "{:.1} s to {:.1} s{deviation}; --json has the attitudes",
+                first.t, last.t
+            ),
+        );
+    }
+    for note in &report.notes {
+        row("note", note.clone());
+    }
+    out
+}
