@@ -74,9 +74,28 @@ pub struct MotionState {
     pub covariance: StateCovariance,
     /// Random walk of the acceleration in predictions \[rad/s²/√s\].
     pub acceleration_walk: f64,
+    /// Motions of bodies of other shapes, where the images leave the shape open.
+    pub others: Option<OtherMotions>,
+}
+
+/// Motions that explain the observations as well as that of the state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OtherMotions {
+    /// The motions, at the time of the state, with their weights; the state's own weight is the rest to one.
+    pub motions: Vec<(f64, FreeMotion)>,
+    /// Covariance of the error states if the body were known to be one of them.
+    pub conditional: StateCovariance,
 }
 
 impl MotionState {
+    /// Multiplies all covariances by `factor`.
+    pub fn inflate(&mut self, factor: f64) {
+        self.covariance *= factor;
+        if let Some(others) = &mut self.others {
+            others.conditional *= factor;
+        }
+    }
+
     /// Attitudes at ascending `times`, all after the state's time or all before, and the derivatives of the rotation
     /// there by the states, body axes: `R exp([X δ]×)`.
     fn rotations_by_state(
@@ -133,7 +152,43 @@ impl MotionState {
     ///
     /// The covariance is that of the linearised motion while that is small; where it is not, it is the mean square of
     /// the errors of random states, each of which moves by Euler's equations.
+    /// If bodies of other shapes explain the observations as well, the spread of their rotations is added to the
+    /// covariance for a known shape.
     pub fn turn_covariances(&self, times: &[f64]) -> Vec<Matrix3<f64>> {
+        let Some(others) = &self.others else {
+            return self.linear_or_sampled(times);
+        };
+        let known = Self {
+            covariance: others.conditional,
+            others: None,
+            ..self.clone()
+        };
+        let mut covariances = known.linear_or_sampled(times);
+        let nominal = self.motion.attitudes(times);
+        for (weight, other) in &others.motions {
+            for ((sum, R), nominal) in
+                (covariances.iter_mut().zip(other.attitudes(times))).zip(&nominal)
+            {
+                let error = self.turn_error(nominal, &R, other);
+                *sum += error * error.transpose() * *weight;
+            }
+        }
+        covariances
+    }
+
+    /// Difference of the rotation since the state's time to the attitude `nominal` from that of another motion to
+    /// the attitude `R`, as a rotation vector in inertial axes.
+    fn turn_error(
+        &self,
+        nominal: &UnitQuaternion<f64>,
+        R: &UnitQuaternion<f64>,
+        other: &FreeMotion,
+    ) -> Vector3<f64> {
+        let ours = nominal * self.motion.R_WB.inverse();
+        (ours * (R * other.R_WB.inverse()).inverse()).scaled_axis()
+    }
+
+    fn linear_or_sampled(&self, times: &[f64]) -> Vec<Matrix3<f64>> {
         let before = SMatrix::<f64, 3, STATES>::identity();
         let each = self.rotations_by_state(times).into_iter().zip(times);
         let mut covariances: Vec<Matrix3<f64>> = each
@@ -154,7 +209,6 @@ impl MotionState {
     /// Mean squares of the errors of random states' rotations, by time.
     fn sampled_spreads(&self, times: &[f64]) -> Option<Vec<Matrix3<f64>>> {
         let nominal = self.motion.attitudes(times);
-        let start = self.motion.R_WB;
         let factor = square_root(&self.covariance);
         let mut rng = StdRng::seed_from_u64(SEED);
         let mut sums = vec![Matrix3::zeros(); times.len()];
@@ -168,9 +222,7 @@ impl MotionState {
                 };
                 let attitudes = motion.attitudes(times);
                 for (sum, (R, nominal)) in sums.iter_mut().zip(attitudes.iter().zip(&nominal)) {
-                    // The rotation since the state's time of the estimate, relative to that of the sample.
-                    let turn = (nominal * start.inverse()) * (R * motion.R_WB.inverse()).inverse();
-                    let error = turn.scaled_axis();
+                    let error = self.turn_error(nominal, R, &motion);
                     *sum += error * error.transpose();
                 }
                 count += 1.0;
@@ -322,6 +374,14 @@ impl MotionState {
                 disturbance.acceleration_walk.powi(2) * step.abs();
         }
         let turn = by_state.fixed_columns::<3>(ACCELERATION) * self.acceleration;
+        if let Some(others) = &mut self.others {
+            others.conditional = transition * others.conditional * transition.transpose();
+            for (_, other) in &mut others.motions {
+                if let Some(R_WB) = other.attitudes(&[time]).pop() {
+                    (other.R_WB, other.time) = (R_WB, time);
+                }
+            }
+        }
         self.motion.R_WB = R_WB * exp_so3(&turn);
         self.motion.momentum += self.acceleration * step;
         self.motion.time = time;

@@ -1,7 +1,7 @@
 //! Maximum likelihood from angular velocities: the torque-free motion whose angular velocities are nearest to
 //! measured ones.
 
-use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::bundle::{
     AttitudeSample, BodyRate, FreeMotion, PARAMETERS, SHAPE_SPREAD, SegmentAttitude, Widths,
@@ -53,9 +53,18 @@ pub fn fit_rates(rates: &[Rate], widths: &Widths) -> Result<Estimated, EstimateE
         return Err(EstimateError::Rates(problem));
     }
     let size = rates.iter().map(|(_, w)| w.norm()).fold(0.0, f64::max);
-    let best = starts(rates)
+    let best_of = |starts: Vec<FreeMotion>| {
+        let fits = starts.into_iter();
+        fits.filter_map(|start| adjust(rates, start, widths, size))
+            .min_by(|a, b| a.squares.total_cmp(&b.squares))
+    };
+    let first = best_of(starts(rates));
+    let other = first
+        .as_ref()
+        .and_then(|fit| best_of(other_shapes(&fit.motion)));
+    let best = [first, other]
         .into_iter()
-        .filter_map(|start| adjust(rates, start, widths, size))
+        .flatten()
         .min_by(|a, b| a.squares.total_cmp(&b.squares));
     let not_free = |rms: f64| EstimateError::NotFreeRates { rms, size };
     let found = best.ok_or_else(|| not_free(size))?;
@@ -154,6 +163,30 @@ fn starts(rates: &[Rate]) -> Vec<FreeMotion> {
     let sphere = FreeMotion::new(&SVector::zeros(), mean, middle.time, middle.R_WB);
     found.extend(sphere);
     found
+}
+
+/// Motions with the angular velocity of this one and bodies of other shapes. An adjustment does not get from a flat
+/// body to a long one, as it would have to pass the sphere, where the axis of rotation does not move.
+fn other_shapes(motion: &FreeMotion) -> Vec<FreeMotion> {
+    let shape = shape_of(&motion.inertia);
+    let w_W = motion.R_WB * motion.w_WB_B(&motion.R_WB);
+    let w_B = motion.R_WB.inverse() * w_W;
+    let along = |factor: f64| {
+        // About the axis of rotation, by its moment relative to the others.
+        let axis = w_B.normalize();
+        let stretched = (axis * axis.transpose() - Matrix3::identity() / 3.0) * factor;
+        shape_of(&(Matrix3::identity() + stretched))
+    };
+    let shapes = [-1.0, -0.5, 0.4]
+        .map(|factor| shape * factor)
+        .into_iter()
+        .chain([-0.6, 0.4].map(along));
+    let motions = shapes.filter_map(|shape| {
+        let motion = FreeMotion::new(&shape, w_W, motion.time, motion.R_WB)?;
+        let momentum = motion.R_WB * (motion.inertia * w_B);
+        Some(FreeMotion { momentum, ..motion })
+    });
+    motions.collect()
 }
 
 /// Angular velocities (inertial axes) at the samples and their derivatives by the unknowns.
@@ -312,6 +345,7 @@ fn state_at_end(rates: &[Rate], fit: &Fit, variance: f64, widths: &Widths) -> Op
         acceleration: fit.acceleration,
         covariance: (spread + spread.transpose()) * 0.5,
         acceleration_walk: widths.acceleration * (2.0 / widths.correlation_time).sqrt(),
+        others: None,
     })
 }
 
@@ -319,7 +353,6 @@ fn state_at_end(rates: &[Rate], fit: &Fit, variance: f64, widths: &Widths) -> Op
 mod tests {
     use super::*;
     use crate::estimation::free_body::FreeRotation;
-    use nalgebra::Matrix3;
 
     fn truth() -> FreeRotation {
         let inertia = Matrix3::from_diagonal(&Vector3::new(7.0, 4.0, 3.0));

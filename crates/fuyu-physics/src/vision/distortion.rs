@@ -60,7 +60,9 @@ impl Distortion {
         if let Some(value) = d.iter().find(|d| !d.is_finite()) {
             return Err(DistortionError::Value(*value));
         }
-        if d.iter().all(|d| *d == 0.0) {
+        // Without coefficients an equidistant lens still shows the angle, not its tangent.
+        let is_straight = d.is_empty() || model != "equidistant";
+        if is_straight && d.iter().all(|d| *d == 0.0) {
             return Ok(None);
         }
         let wrong = |model, need| DistortionError::Count {

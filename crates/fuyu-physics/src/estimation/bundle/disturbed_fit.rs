@@ -9,13 +9,14 @@ use super::free_motion::SHAPE_SPREAD;
 use super::inlier_gate::{INLIER_GATE, gate_and_evaluate};
 use super::intrinsics::INTRINSICS;
 use super::model_fit::{ModelFit, dispersion, refine_with_rounding};
+use super::other_shapes::other_shapes;
 use super::pixel_likelihood::PixelLikelihood;
 use super::pose_model::disturbed::{Disturbed, Scales};
 use super::pose_model::{FramePose, PoseModel};
 use super::prior_scales::best_scales;
 use super::scene::Scene;
 use super::structure::SolverSettings;
-use crate::estimation::motion_state::{MotionState, StateCovariance};
+use crate::estimation::motion_state::{MotionState, OtherMotions, StateCovariance};
 
 /// Rounds of adjustment and choice of the priors' widths.
 const ROUNDS: usize = 2;
@@ -121,7 +122,7 @@ where
         match refined.filter(agrees) {
             Some(refined) => found = refined,
             None => {
-                fit = by_least_squares;
+                fit = by_least_squares.clone();
                 rounding = likelihood;
             }
         }
@@ -130,9 +131,13 @@ where
         found = covariance_of::<L, G>(scene, &fit, &rounding, true)?;
     }
     let (covariance, point_covariances) = found;
+    let others = other_shapes::<L, G>(scene, &by_least_squares, &covariance, settings.noise);
     let model = fit.motion;
     let (motion, acceleration, by_common) = model.last_state::<G>();
-    let state: StateCovariance = by_common * covariance * by_common.transpose();
+    let of_state = |covariance: &SMatrix<f64, G, G>| -> StateCovariance {
+        let state = by_common * covariance * by_common.transpose();
+        (state + state.transpose()) * 0.5
+    };
     let widths = model.widths();
     let walk = widths.acceleration * model.scales.torque * (2.0 / widths.correlation_time).sqrt();
     let deviations = SVector::<f64, INTRINSICS>::from_fn(|k, _| {
@@ -157,8 +162,12 @@ where
         state: MotionState {
             motion,
             acceleration,
-            covariance: (state + state.transpose()) * 0.5,
+            covariance: of_state(&covariance),
             acceleration_walk: walk,
+            others: others.map(|others| OtherMotions {
+                motions: others.motions,
+                conditional: of_state(&others.conditional),
+            }),
         },
         centre,
         intrinsic_deviations: deviations,

@@ -36,7 +36,7 @@ pub struct GlobalFit {
     /// Time from which the frames fit one motion, if not all of them do \[s\].
     pub since: Option<f64>,
     /// RMS residual with one independent pose per frame \[px\].
-    independent_rms: Option<f64>,
+    pub independent_rms: Option<f64>,
     /// Another angular rate that explains the images equally well \[rad/s\].
     alternative: Option<f64>,
     turn: f64,
@@ -265,7 +265,7 @@ impl GlobalFit {
             centre: com,
             intrinsic_deviations,
         } = self.fit;
-        state.covariance *= inflation;
+        state.inflate(inflation);
         if let Some(other) = self.alternative {
             let rate = state.angular_velocity().0.norm();
             return Err(EstimateError::Ambiguous {

@@ -43,6 +43,7 @@ mod key_frames;
 mod known_rotation;
 mod linear_inertia;
 mod model_fit;
+mod other_shapes;
 mod pixel_likelihood;
 mod pose_model;
 mod prior_scales;
@@ -59,6 +60,7 @@ mod solve;
 mod structure;
 mod transferred_structure;
 mod uncertainty;
+mod white_noise;
 
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 

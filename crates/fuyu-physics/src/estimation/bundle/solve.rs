@@ -12,12 +12,13 @@ use super::relative_pose::noise_between;
 use super::relative_rotation::relative_rotation_fit;
 use super::reused_track_ids::split_reused_tracks;
 use super::structure::{Segment, SolverSettings, reconstruct};
+use super::white_noise::white_noise;
 use super::{LEAST_SHARED, MIN_FRAMES, MIN_POINTS, Options, Solution};
 use crate::estimation::{EstimateError, Tracks, degenerate};
 use crate::vision::Pinhole;
 
 /// Number of times that the assumed noise is doubled, at most, if the tracks do not fit together.
-const DOUBLINGS: i32 = 3;
+const DOUBLINGS: i32 = 4;
 
 /// Number of pairs of neighbouring frames from which the noise is measured, and the ratio to the assumed noise above
 /// which the measured noise is used.
@@ -35,6 +36,9 @@ const MOST_NOISE: f64 = 6.0;
 
 /// The same relative to the noise measured between neighbouring frames.
 const MOST_MEASURED: f64 = 2.0;
+
+/// The same relative to the residuals of one independent pose per frame.
+const AS_INDEPENDENT: f64 = 1.2;
 
 /// The same, after a short rotation.
 const MOST_AFTER_SHORT_TURN: f64 = 1.5;
@@ -79,12 +83,18 @@ pub(super) fn solve(
             frames: frames.list.len(),
         });
     }
+    // Noise that is white over time is known without a motion; neighbouring frames with few points show less of it.
+    let measured = white_noise(tracks).map_or(measured, |white| white.max(measured.min(white * 1.3)));
     let first = match measured < NOISIER * assumed {
         true => assumed,
         false => measured.min(assumed * f64::from(1 << DOUBLINGS)),
     };
-    let quiet =
-        |b: &GlobalFit| b.residuals.deviation < (MOST_NOISE * assumed).max(MOST_MEASURED * first);
+    // Residuals that independent poses leave as well are noise, however large.
+    let quiet = |b: &GlobalFit| {
+        let independent = AS_INDEPENDENT * b.independent_rms.unwrap_or_default();
+        let most = (MOST_NOISE * assumed).max(MOST_MEASURED * first);
+        b.residuals.deviation < most.max(independent)
+    };
     // After a short rotation a wrong motion may absorb most of the error.
     let trusted = |b: &GlobalFit| {
         b.turn() > UNAMBIGUOUS_TURN || b.residuals.deviation < MOST_AFTER_SHORT_TURN * first

@@ -157,6 +157,8 @@ pub struct Disturbed {
     /// Standard deviation of the inertia's shape in the fit; small for a body that is taken to be a sphere, whose
     /// covariance has [`SHAPE_SPREAD`] nevertheless.
     pub shape_spread: f64,
+    /// The mean of that prior; zero is a sphere.
+    shape_mean: SVector<f64, 5>,
     attitudes: Vec<(UnitQuaternion<f64>, Sensitivity)>,
     responses: Vec<Response<STEPS>>,
     fixed: Rc<Fixed>,
@@ -266,12 +268,37 @@ impl Disturbed {
             scales: Scales::default(),
             held,
             shape_spread: SHAPE_SPREAD,
+            shape_mean: SVector::zeros(),
             attitudes: Vec::new(),
             responses: Vec::new(),
             fixed: Rc::new(fixed),
         };
         model.propagate();
         model
+    }
+
+    /// The same angular velocity with a body of another `shape`, which a prior of standard deviation `spread` holds.
+    /// `None` if no body has this shape.
+    pub fn with_shape(&self, shape: &SVector<f64, 5>, spread: f64) -> Option<Self> {
+        let FreeMotion {
+            momentum,
+            time,
+            R_WB,
+            ..
+        } = self.motion;
+        let w_B = self.motion.w_WB_B(&R_WB);
+        let motion = FreeMotion::new(shape, momentum, time, R_WB)?;
+        let mut other = Self {
+            motion: FreeMotion {
+                momentum: R_WB * (motion.inertia * w_B),
+                ..motion
+            },
+            shape_spread: spread,
+            shape_mean: *shape,
+            ..self.clone()
+        };
+        other.propagate();
+        Some(other)
     }
 
     fn propagate(&mut self) {
@@ -516,6 +543,7 @@ impl<const L: usize, const G: usize> PoseModel<L, G> for Disturbed {
             scales: self.scales,
             held: self.held,
             shape_spread: self.shape_spread,
+            shape_mean: self.shape_mean,
             fixed: Rc::clone(&self.fixed),
         };
         moved.propagate();
@@ -526,9 +554,13 @@ impl<const L: usize, const G: usize> PoseModel<L, G> for Disturbed {
         let noise = self.fixed.noise;
         let mut deviations = self.deviations::<L, G>(self.scales);
         deviations.rows_mut(0, 5).fill(self.shape_spread);
+        let mut distances = self.distances::<L, G>();
+        for k in 0..5 {
+            distances[k] -= self.shape_mean[k];
+        }
         (
             deviations.map(|d| (noise / d.max(1e-9)).powi(2)),
-            self.distances::<L, G>(),
+            distances,
         )
     }
 }
