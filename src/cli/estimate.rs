@@ -6,12 +6,12 @@ use std::path::PathBuf;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use self::report::{KnownDistance, Report};
+use self::report::Report;
 use super::{Failure, print};
 use crate::{
     estimation::{
         Estimated, EstimationMethod, Tracks,
-        bundle::{self, CameraMotion, Orbit, Widths},
+        bundle::{self, CameraMotion, KnownLength, Orbit, Widths},
         estimate, fit_rates, from_rates,
     },
     experiments::{Observations, ObservedTracks},
@@ -103,8 +103,11 @@ pub struct Args {
     )]
     orbit_normal: Vec<f64>,
     /// Distance between two points [m], which gives the scale: ID,ID,M
-    #[arg(long, value_name = "ID,ID,M")]
-    distance: Option<KnownDistance>,
+    #[arg(long, value_name = "ID,ID,M", value_parser = KnownLength::distance, conflicts_with = "range")]
+    distance: Option<KnownLength>,
+    /// Range of a point from the camera in the last frame [m], which gives the scale: ID,M
+    #[arg(long, value_name = "ID,M", value_parser = KnownLength::range)]
+    range: Option<KnownLength>,
     /// Standard deviation of an image coordinate [px] (bundle)
     #[arg(long, value_name = "PX", default_value_t = 0.3, value_parser = super::positive)]
     pixel_noise: f64,

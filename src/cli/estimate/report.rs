@@ -1,47 +1,16 @@
 //! Output of `fuyu estimate`: JSON and text.
 
-use std::{fmt::Write as _, str::FromStr};
+use std::fmt::Write as _;
 
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
 use super::{Args, Found};
 use crate::{
     cli::Failure,
-    estimation::bundle::{BodyPoint, CentreMotion},
+    estimation::bundle::{CentreMotion, Scale},
     spatial::unwound,
 };
-
-/// Two points with the distance between them.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct KnownDistance {
-    ids: [u64; 2],
-    /// \[m\].
-    distance: f64,
-}
-
-impl FromStr for KnownDistance {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || {
-            format!("'{text}' is not ID,ID,M: two different point ids and a positive distance [m]")
-        };
-        let parts: Vec<&str> = text.split(',').map(str::trim).collect();
-        let [a, b, distance] = parts.as_slice() else {
-            return Err(wrong());
-        };
-        let ids = [a, b].map(|id| id.parse::<u64>());
-        let distance: f64 = distance.parse().map_err(|_| wrong())?;
-        match ids {
-            [Ok(a), Ok(b)] if a != b && distance.is_finite() && distance > 0.0 => Ok(Self {
-                ids: [a, b],
-                distance,
-            }),
-            _ => Err(wrong()),
-        }
-    }
-}
 
 type Rows = [[f64; 3]; 3];
 
@@ -164,13 +133,15 @@ impl Report {
         let direction = R_CI * motion.momentum_direction();
         let mut notes = estimated.diagnosis.clone();
         let solution = estimated.solution.as_ref();
-        let scale = match (args.distance, solution) {
+        let scale = match (args.distance.or(args.range), solution) {
             (Some(known), Some(solution)) => {
-                Some(scale(&known, &solution.points).map_err(Failure::Input)?)
+                let option = if args.distance.is_some() { "--distance" } else { "--range" };
+                let scale = solution.scale(&known);
+                Some(scale.map_err(|e| Failure::Input(format!("{option}: {e}")))?)
             }
             (Some(_), None) => {
                 return Err(Failure::Input(
-                    "--distance needs feature tracks and --method bundle".to_owned(),
+                    "--distance and --range need feature tracks and --method bundle".to_owned(),
                 ));
             }
             _ => None,
@@ -179,7 +150,7 @@ impl Report {
             if scale.is_none() {
                 notes.push(
                     "the scale is not determined: lengths are in units of the body's depth; give one distance between two \
-                     points (--distance)"
+                     points (--distance) or the range of one (--range)"
                         .to_owned(),
                 );
             }
@@ -189,8 +160,12 @@ impl Report {
                 );
             }
         }
-        let (length, deviation) = scale.unwrap_or((1.0, 0.0));
         let unit = if scale.is_some() { "m" } else { "depth" };
+        let scale = scale.unwrap_or(Scale {
+            metres: 1.0,
+            deviation: 0.0,
+        });
+        let length = scale.metres;
         let estimates_focal = solution.filter(|s| s.focal_deviation.is_some());
         let points = solution.map(|s| s.points.as_slice()).unwrap_or_default();
         let rates = estimated.w_IB_I.iter();
@@ -222,13 +197,13 @@ impl Report {
                     id: p.id,
                     p: (p.p_B * length).into(),
                     covariance: p.covariance.as_ref().map(|c| {
-                        let along = p.p_B * deviation;
+                        let along = p.p_B * scale.deviation;
                         rows(&(c * length.powi(2) + along * along.transpose()))
                     }),
                 })
                 .collect(),
             centre: (solution.and_then(|s| s.centre.as_ref()))
-                .map(|c| CentreOutput::new(c, length, deviation, unit)),
+                .map(|c| CentreOutput::new(&c.in_metres(&scale), unit)),
             focal_length: estimates_focal.map(|s| s.camera.fx),
             focal_length_deviation: estimates_focal
                 .and_then(|s| Some(s.focal_deviation? * s.camera.fx)),
@@ -240,36 +215,12 @@ impl Report {
     }
 }
 
-/// Metres per unit of length, with standard deviation, from a known distance.
-fn scale(known: &KnownDistance, points: &[BodyPoint]) -> Result<(f64, f64), String> {
-    let find = |id: u64| {
-        points.iter().find(|p| p.id == id).ok_or_else(|| {
-            format!("--distance: point {id} is not among the points that were reconstructed")
-        })
-    };
-    let (a, b) = (find(known.ids[0])?, find(known.ids[1])?);
-    let apart = a.p_B - b.p_B;
-    let length = apart.norm();
-    if length < 1e-9 {
-        return Err("--distance: the two points coincide".to_owned());
-    }
-    let spread: Matrix3<f64> = [a, b].into_iter().filter_map(|p| p.covariance).sum();
-    let deviation = apart.dot(&(spread * apart)).max(0.0).sqrt() / length;
-    let scale = known.distance / length;
-    Ok((scale, scale * deviation / length))
-}
-
 impl CentreOutput {
-    fn new(centre: &CentreMotion, length: f64, deviation: f64, unit: &'static str) -> Self {
-        let mut both = SMatrix::<f64, 6, 1>::zeros();
-        both.fixed_rows_mut::<3>(0).copy_from(&centre.position);
-        both.fixed_rows_mut::<3>(3).copy_from(&centre.velocity);
-        let along = both * deviation;
-        let covariance = centre.covariance * length.powi(2) + along * along.transpose();
+    fn new(centre: &CentreMotion, unit: &'static str) -> Self {
         Self {
-            position: (centre.position * length).into(),
-            velocity: (centre.velocity * length).into(),
-            covariance: covariance.into(),
+            position: centre.position.into(),
+            velocity: centre.velocity.into(),
+            covariance: centre.covariance.into(),
             unit,
         }
     }

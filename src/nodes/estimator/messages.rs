@@ -3,7 +3,10 @@
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use crate::{
-    estimation::{MotionState, MotionTracker},
+    estimation::{
+        MotionState, MotionTracker,
+        bundle::{CentreMotion, KnownLength, Scale},
+    },
     msg::{fuyu_msgs, geometry_msgs, nav_msgs, std_msgs::Header},
     nodes::geometry::{quaternion_to_msg, vector_to_msg},
     ros::Time,
@@ -20,6 +23,8 @@ pub struct Snapshot<'a> {
     pub camera: &'a str,
     /// Attitude of the camera at that time in the inertial axes of the motion.
     pub R_IC: UnitQuaternion<f64>,
+    /// The known length that gives the scale.
+    pub known_length: Option<&'a KnownLength>,
 }
 
 impl Snapshot<'_> {
@@ -33,6 +38,21 @@ impl Snapshot<'_> {
     /// Attitude `R_CF` of the persistent body axes F at `time` \[s\].
     fn attitude(&self, time: f64) -> UnitQuaternion<f64> {
         self.R_IC.inverse() * self.tracker.motion().attitude(time) * self.tracker.R_BF()
+    }
+
+    /// Metres per unit of length; `None` if no known length gives it.
+    fn scale(&self) -> Option<Scale> {
+        let solution = self.tracker.batch().estimated.solution.as_ref()?;
+        solution.scale(self.known_length?).ok()
+    }
+
+    /// The centre of mass at the time of the message, and the unit of length.
+    fn centre(&self) -> Option<(CentreMotion, &'static str)> {
+        let centre = self.tracker.centre(self.time)?;
+        Some(match self.scale() {
+            Some(scale) => (centre.in_metres(&scale), "m"),
+            None => (centre, "depth"),
+        })
     }
 
     fn w_C(&self) -> Vector3<f64> {
@@ -64,7 +84,19 @@ impl Snapshot<'_> {
         let times: Vec<f64> = prediction_times.iter().map(|t| self.time + t).collect();
         let spreads = state.as_ref().map(|s| s.turn_covariances(&times));
         let turn_covariances = spreads.into_iter().flatten().flat_map(turned);
+        let centre = self.centre();
+        let of_centre = |get: fn(&CentreMotion) -> Vector3<f64>| {
+            let vector = centre.as_ref().map(|(c, _)| get(c));
+            vector_to_msg(&vector.unwrap_or_default())
+        };
         fuyu_msgs::MotionEstimate {
+            position: of_centre(|c| c.position),
+            velocity: of_centre(|c| c.velocity),
+            centre_covariance: centre.as_ref().map_or([0.0; 36], |(c, _)| {
+                // Symmetric, so that columns are rows.
+                std::array::from_fn(|k| c.covariance.as_slice()[k])
+            }),
+            centre_unit: centre.as_ref().map_or("", |(_, unit)| unit).to_owned(),
             attitude_covariance: of_state(MotionState::attitude_covariance),
             angular_velocity_covariance: of_state(|s| s.angular_velocity().1),
             momentum_direction_covariance: of_state(MotionState::momentum_direction_covariance),
@@ -100,9 +132,10 @@ impl Snapshot<'_> {
     }
 
     /// `estimator/prediction`: attitudes of F from this time on over `horizon` \[s\], at `rate` \[Hz\], in the
-    /// camera's axes at this time. Positions are those of the centre of mass, in units of its depth when the batch
-    /// began; zero for a method without positions.
+    /// camera's axes at this time. Positions are those of the centre of mass, in metres if a known length gives
+    /// the scale, otherwise in units of its depth when the batch began; zero for a method without positions.
     pub fn prediction(&self, horizon: f64, rate: f64) -> nav_msgs::Path {
+        let metres = self.scale().map_or(1.0, |scale| scale.metres);
         let steps = (horizon * rate + 1e-9).floor() as u32;
         let time = |k: u32| self.time + f64::from(k) / rate;
         let attitudes = (0..=steps).map(|k| self.attitude(time(k)));
@@ -112,7 +145,7 @@ impl Snapshot<'_> {
                 ..geometry_msgs::PoseStamped::default()
             };
             pose.pose.orientation = quaternion_to_msg(&R_CF);
-            if let Some(position) = self.tracker.position(time(k)) {
+            if let Some(position) = self.tracker.position(time(k)).map(|p| p * metres) {
                 (pose.pose.position.x, pose.pose.position.y) = (position.x, position.y);
                 pose.pose.position.z = position.z;
             }

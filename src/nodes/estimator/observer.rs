@@ -298,6 +298,7 @@ impl Observer {
             time,
             camera: &self.camera_frame,
             R_IC: self.attitude.gyro.R_GC(time),
+            known_length: self.params.known_length.as_ref(),
         })
     }
 
@@ -354,6 +355,7 @@ impl Observer {
                     ..self.params.widths
                 },
                 camera_motion: self.attitude.gyro.motion(),
+                with_points: self.params.known_length.is_some(),
                 ..bundle::Options::default()
             },
         });

@@ -1,7 +1,10 @@
 //! Parameters of the estimator node.
 
 use crate::{
-    estimation::{EstimationMethod, bundle::Widths},
+    estimation::{
+        EstimationMethod,
+        bundle::{KnownLength, Widths},
+    },
     nodes::choice,
     ros::Declare,
     vision::Pinhole,
@@ -33,6 +36,8 @@ pub struct EstimatorParams {
     pub widths: Widths,
     /// Standard deviation of an image coordinate \[px\].
     pub pixel_noise: f64,
+    /// A known length on the target, which gives the scale.
+    pub known_length: Option<KnownLength>,
     /// Whether the camera's own rotation is removed with the base's gyro.
     pub use_imu: bool,
     /// The camera's calibration; `None`: from `camera/camera_info`.
@@ -173,6 +178,14 @@ impl EstimatorParams {
             cx: intrinsic("cx", "Column of the optical axis"),
             cy: intrinsic("cy", "Row of the optical axis"),
         };
+        let known_length = declare
+            .param(
+                "known_distance",
+                String::new(),
+                "Distance between two feature points, which gives the scale of positions: 'ID,ID,M' [m]; empty if none is known",
+            )
+            .read_only()
+            .value();
         let mut flag = |name: &str, default: bool, text: &str| {
             declare.param(name, default, text).read_only().value()
         };
@@ -186,6 +199,13 @@ impl EstimatorParams {
             true,
             "Whether the camera's own rotation is removed with the gyro on imu, if there is one",
         );
+        let known_length = match known_length.is_empty() {
+            true => None,
+            false => Some(
+                KnownLength::distance(&known_length)
+                    .map_err(|e| format!("parameter known_distance: {e}"))?,
+            ),
+        };
         let camera = match camera.fx {
             0.0 => None,
             _ => Some(camera),
@@ -212,6 +232,7 @@ impl EstimatorParams {
             prediction_rate,
             widths,
             pixel_noise,
+            known_length,
             use_imu,
             camera,
         })

@@ -36,6 +36,9 @@ const SEED: u64 = 20;
 const ISOTROPIC: f64 = 0.15;
 const ISOTROPIC_PER_RADIAN: f64 = 0.6;
 
+/// Standard deviation of a rotation up to which a few bodies of other shapes stand for all \[rad\].
+const FEW_STAND_FOR_ALL: f64 = 0.2;
+
 /// Error states.
 type StateVector = SVector<f64, STATES>;
 
@@ -164,6 +167,12 @@ impl MotionState {
             ..self.clone()
         };
         let mut covariances = known.linear_or_sampled(times);
+        // Where little is known, a few bodies do not stand for all.
+        let open = Self {
+            others: None,
+            ..self.clone()
+        };
+        let of_all = open.linear_or_sampled(times);
         let nominal = self.motion.attitudes(times);
         for (weight, other) in &others.motions {
             for ((sum, R), nominal) in
@@ -172,6 +181,10 @@ impl MotionState {
                 let error = self.turn_error(nominal, &R, other);
                 *sum += error * error.transpose() * *weight;
             }
+        }
+        for (sum, all) in covariances.iter_mut().zip(of_all) {
+            let deviation = sum.trace().max(0.0).sqrt();
+            *sum += all * ((deviation - FEW_STAND_FOR_ALL) / FEW_STAND_FOR_ALL).clamp(0.0, 1.0);
         }
         covariances
     }

@@ -2,6 +2,7 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::bundle::CentreMotion;
 use super::change_detector::ChangeDetector;
 use super::{
     Disturbance, Estimated, EstimationMethod, MotionEstimate, MotionState,
@@ -224,10 +225,17 @@ impl MotionTracker {
     /// centre of mass, if its path is known, else that in the last frame. `None` if the method has none.
     pub fn position(&self, time: f64) -> Option<Vector3<f64>> {
         let solution = self.batch.estimated.solution.as_ref()?;
-        match &solution.centre {
-            Some(centre) => Some(centre.position + centre.velocity * (time - self.batch.span.1)),
+        match self.centre(time) {
+            Some(centre) => Some(centre.position),
             None => solution.poses.last().map(|pose| pose.t_C),
         }
+    }
+
+    /// The centre of mass at `time` \[s\], in the unit of the batch solution. `None` if it is not known which point
+    /// that is.
+    pub fn centre(&self, time: f64) -> Option<CentreMotion> {
+        let centre = self.batch.estimated.solution.as_ref()?.centre.as_ref()?;
+        Some(centre.after(time - self.batch.span.1))
     }
 
     /// Rotation from the persistent body axes F to the body axes of [`MotionTracker::motion`].

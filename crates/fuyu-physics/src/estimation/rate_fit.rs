@@ -9,7 +9,7 @@ use super::bundle::{
     rotation_between, shape_of, shape_times,
 };
 use super::masutani1995::Rate;
-use super::motion_state::{MotionState, STATES, StateCovariance};
+use super::motion_state::{MotionState, OtherMotions, STATES, StateCovariance};
 use super::{EstimateError, Estimated, EstimationMethod};
 
 /// Unknowns: those of the free motion, and a constant angular acceleration.
@@ -53,19 +53,19 @@ pub fn fit_rates(rates: &[Rate], widths: &Widths) -> Result<Estimated, EstimateE
         return Err(EstimateError::Rates(problem));
     }
     let size = rates.iter().map(|(_, w)| w.norm()).fold(0.0, f64::max);
-    let best_of = |starts: Vec<FreeMotion>| {
+    let fits_from = |starts: Vec<FreeMotion>| {
         let fits = starts.into_iter();
         fits.filter_map(|start| adjust(rates, start, widths, size))
-            .min_by(|a, b| a.squares.total_cmp(&b.squares))
+            .collect::<Vec<_>>()
     };
-    let first = best_of(starts(rates));
-    let other = first
-        .as_ref()
-        .and_then(|fit| best_of(other_shapes(&fit.motion)));
-    let best = [first, other]
-        .into_iter()
-        .flatten()
-        .min_by(|a, b| a.squares.total_cmp(&b.squares));
+    let mut fits = fits_from(starts(rates));
+    for _ in 0..2 {
+        fits.sort_by(|a, b| a.squares.total_cmp(&b.squares));
+        let more = fits.first().map(|fit| other_shapes(&fit.motion));
+        fits.extend(more.map(fits_from).unwrap_or_default());
+    }
+    fits.sort_by(|a, b| a.squares.total_cmp(&b.squares));
+    let best = (!fits.is_empty()).then(|| fits.remove(0));
     let not_free = |rms: f64| EstimateError::NotFreeRates { rms, size };
     let found = best.ok_or_else(|| not_free(size))?;
     let count = 3.0 * rates.len() as f64;
@@ -78,8 +78,12 @@ pub fn fit_rates(rates: &[Rate], widths: &Widths) -> Result<Estimated, EstimateE
         return Err(not_free(variance.sqrt()));
     }
     let variance = variance.max((LEAST_NOISE * size).powi(2));
-    let state =
+    let mut state =
         state_at_end(rates, &found, variance, widths).ok_or_else(|| not_free(variance.sqrt()))?;
+    state.others = other_motions(rates, &found, fits, variance, widths).map(|motions| OtherMotions {
+        motions,
+        conditional: state.covariance,
+    });
     let rms = (found.squares / count).sqrt();
     let report = report_of_state(&state, rms).ok_or_else(|| not_free(rms))?;
     let mut diagnosis = report.diagnosis;
@@ -164,6 +168,39 @@ fn starts(rates: &[Rate]) -> Vec<FreeMotion> {
     found.extend(sphere);
     found
 }
+
+/// Other bodies that explain the angular velocities nearly as well as the best fit, with the weights of their
+/// likelihood. `others` are ordered by their squares.
+fn other_motions(
+    rates: &[Rate],
+    best: &Fit,
+    others: Vec<Fit>,
+    variance: f64,
+    widths: &Widths,
+) -> Option<Vec<(f64, FreeMotion)>> {
+    let mut distinct = vec![best.clone()];
+    for fit in others {
+        let shape = shape_of(&fit.motion.inertia);
+        let is_new = |known: &Fit| (shape_of(&known.motion.inertia) - shape).norm() > SAME_SHAPE;
+        if (fit.squares - best.squares) < MOST_EXCESS * variance && distinct.iter().all(is_new) {
+            distinct.push(fit);
+        }
+    }
+    let weight = |fit: &Fit| (-(fit.squares - best.squares) / (2.0 * variance)).exp();
+    let all: f64 = distinct.iter().map(weight).sum();
+    let motions = distinct[1..].iter().filter_map(|fit| {
+        let state = state_at_end(rates, fit, variance, widths)?;
+        Some((weight(fit) / all, state.motion))
+    });
+    let motions: Vec<_> = motions.collect();
+    (!motions.is_empty()).then_some(motions)
+}
+
+/// Shapes that differ by less are the same body.
+const SAME_SHAPE: f64 = 0.03;
+
+/// Sums of squares that differ by more, in units of the noise variance, exclude each other.
+const MOST_EXCESS: f64 = 25.0;
 
 /// Motions with the angular velocity of this one and bodies of other shapes. An adjustment does not get from a flat
 /// body to a long one, as it would have to pass the sphere, where the axis of rotation does not move.

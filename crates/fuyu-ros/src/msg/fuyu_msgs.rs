@@ -240,6 +240,15 @@ crate::messages! {
         prediction_times: Vec<f64>,
         /// Covariance of the predicted rotation since header.stamp, in camera axes, nine values for each time \[rad2\].
         turn_covariances: Vec<f64>,
+        /// Position of the centre of mass in camera axes.
+        position: Vector3,
+        /// Its velocity, per second.
+        velocity: Vector3,
+        /// Covariance of position and velocity, row by row.
+        centre_covariance: [f64; 36],
+        /// Unit of length of the three: `m`, or `depth`, that of the centre in the first frame of the batch, where no known
+        /// length gives the scale; empty where the centre of mass is not known, and the values are zero.
+        centre_unit: String,
         /// Frames that were used.
         frames: u32,
         /// Seconds that they span.

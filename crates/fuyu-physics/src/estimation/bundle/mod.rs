@@ -53,6 +53,7 @@ mod relative_rotation;
 mod resection;
 mod reused_track_ids;
 mod rotations;
+mod scale;
 mod scene;
 mod schur;
 mod sensitivity_propagation;
@@ -70,6 +71,7 @@ pub(super) use camera_motion::attitude_at;
 
 pub use free_motion::FreeMotion;
 pub use pose_model::disturbed::{Orbit, Widths};
+pub use scale::{KnownLength, Scale, ScaleError};
 
 pub(super) use attitude_fit::{SegmentAttitude, fit_attitudes};
 pub(super) use free_motion::{PARAMETERS, SHAPE_SPREAD, shape_of, shape_times};
