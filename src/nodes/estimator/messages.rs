@@ -89,13 +89,16 @@ impl Snapshot<'_> {
             let vector = centre.as_ref().map(|(c, _)| get(c));
             vector_to_msg(&vector.unwrap_or_default())
         };
+        let of_centre_spread = |from: usize| -> [f64; 9] {
+            let spread = centre.as_ref().map(|(c, _)| c.covariance.fixed_view::<3, 3>(from, from).into_owned());
+            // Symmetric, so that columns are rows.
+            spread.map_or([0.0; 9], |m| std::array::from_fn(|k| m.as_slice()[k]))
+        };
         fuyu_msgs::MotionEstimate {
             position: of_centre(|c| c.position),
             velocity: of_centre(|c| c.velocity),
-            centre_covariance: centre.as_ref().map_or([0.0; 36], |(c, _)| {
-                // Symmetric, so that columns are rows.
-                std::array::from_fn(|k| c.covariance.as_slice()[k])
-            }),
+            position_covariance: of_centre_spread(0),
+            velocity_covariance: of_centre_spread(3),
             centre_unit: centre.as_ref().map_or("", |(_, unit)| unit).to_owned(),
             attitude_covariance: of_state(MotionState::attitude_covariance),
             angular_velocity_covariance: of_state(|s| s.angular_velocity().1),

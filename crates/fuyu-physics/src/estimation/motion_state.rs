@@ -37,7 +37,7 @@ const ISOTROPIC: f64 = 0.15;
 const ISOTROPIC_PER_RADIAN: f64 = 0.6;
 
 /// Standard deviation of a rotation up to which a few bodies of other shapes stand for all \[rad\].
-const FEW_STAND_FOR_ALL: f64 = 0.2;
+const FEW_STAND_FOR_ALL: f64 = 0.3;
 
 /// Error states.
 type StateVector = SVector<f64, STATES>;
@@ -184,7 +184,8 @@ impl MotionState {
         }
         for (sum, all) in covariances.iter_mut().zip(of_all) {
             let deviation = sum.trace().max(0.0).sqrt();
-            *sum += all * ((deviation - FEW_STAND_FOR_ALL) / FEW_STAND_FOR_ALL).clamp(0.0, 1.0);
+            let excess = deviation / FEW_STAND_FOR_ALL - 1.0;
+            *sum += all * (0.5 * excess.clamp(0.0, 1.0));
         }
         covariances
     }

@@ -115,32 +115,3 @@ fn every_category_is_judged() {
         }
     }
 }
-
-#[test]
-#[ignore]
-fn dbg_one() {
-    let want = std::env::var("FUYU_SEEDS").unwrap();
-    let only = std::env::var("FUYU_CATEGORY").unwrap_or_default();
-    for (category, name, _) in Category::ALL {
-        if !name.contains(&only) { continue; }
-        for seed in want.split(',').map(|s| s.parse::<u64>().unwrap()) {
-            println!("== {name} {seed}");
-            for jitter in 0..4 {
-                let mut p = Problem::new(category, seed);
-                if jitter > 0 {
-                    let frames = p.tracks.frames().iter().enumerate().map(|(i, f)| {
-                        let mut f = f.clone();
-                        for x in &mut f.features {
-                            let a = (i as f64 * 3.1 + x.id as f64 * 1.7 + jitter as f64) * 5.3;
-                            x.u += 1e-3 * a.sin();
-                            x.v += 1e-3 * (1.3 * a).cos();
-                        }
-                        f
-                    });
-                    p.tracks = fuyu_physics::estimation::Tracks::new(frames.collect::<Vec<_>>()).unwrap();
-                }
-                p.explain();
-            }
-        }
-    }
-}

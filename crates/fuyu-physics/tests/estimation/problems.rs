@@ -162,14 +162,6 @@ impl Problem {
                 duration = 30.0;
             }
         }
-        if let Some(v) = std::env::var("FUYU_W").ok() {
-            let x: Vec<f64> = v.split(',').map(|x| x.parse().unwrap()).collect();
-            options.widths.acceleration = x[0];
-            options.widths.path = x[1];
-            options.widths.focal = x[2];
-            options.widths.centre = x[3];
-            options.widths.radial = x[4];
-        }
         // No more than half a radian between frames.
         rate = rate.min(0.5 / interval);
         let orbit = direction(rng);
@@ -239,21 +231,5 @@ impl Problem {
             (off, error.norm(), covariance.trace().max(0.0).sqrt())
         });
         Outcome { result, seconds }
-    }
-}
-
-impl Problem {
-    pub fn explain(&self) {
-        let solved = bundle::estimate(&self.tracks, &self.camera, &self.options);
-        let Ok(solution) = solved else { println!("  refused {:?}", solved.err().map(|e| e.to_string())); return; };
-        let R_CI = self.options.camera_motion.lookup()(self.end).inverse();
-        let motion = &solution.motion;
-        let turn_C = R_CI * (motion.attitude(self.end + HORIZON) / motion.attitude(self.end)) * R_CI.inverse();
-        let error = (turn_C / self.turn_C).scaled_axis();
-        let R = R_CI.to_rotation_matrix();
-        let c = R * solution.turn_covariance(self.end, self.end + HORIZON) * R.inverse();
-        let e = c.symmetric_eigen();
-        let parts: Vec<String> = (0..3).map(|k| format!("{:.2}/{:.2}", e.eigenvectors.column(k).dot(&error).to_degrees(), e.eigenvalues[k].sqrt().to_degrees())).collect();
-        println!("  err {:.3} deg, off/sd by axis {parts:?} rms {:.4} est rate {:.4} true turn {:.1} deg model {:?} frames {} pts {} notes {:?}", error.norm().to_degrees(), motion.rms(), motion.angular_velocity(self.end).norm(), self.turn_C.angle().to_degrees(), motion.model(), self.tracks.frames().len(), solution.points.len(), solution.diagnosis);
     }
 }

@@ -244,9 +244,11 @@ crate::messages! {
         position: Vector3,
         /// Its velocity, per second.
         velocity: Vector3,
-        /// Covariance of position and velocity, row by row.
-        centre_covariance: [f64; 36],
-        /// Unit of length of the three: `m`, or `depth`, that of the centre in the first frame of the batch, where no known
+        /// Covariance of position, row by row.
+        position_covariance: [f64; 9],
+        /// Covariance of velocity, row by row.
+        velocity_covariance: [f64; 9],
+        /// Unit of length of the four: `m`, or `depth`, that of the centre in the first frame of the batch, where no known
         /// length gives the scale; empty where the centre of mass is not known, and the values are zero.
         centre_unit: String,
         /// Frames that were used.

@@ -30,7 +30,10 @@ const AGREEING: f64 = 5.0;
 const SHAPE_GAIN: f64 = 5.5;
 
 /// Distance from the separatrix, as [`separatrix_distance`], below which a solution is near it.
-const NEAR_SEPARATRIX: f64 = 0.03;
+const NEAR_SEPARATRIX: f64 = 0.01;
+
+/// Share of the covariance of least squares that is added there.
+const OF_LEAST_SQUARES: f64 = 0.25;
 
 /// Information that is added to directions which vanish in rounding, relative to that of single unknowns.
 const LEAST_INFORMATION: [f64; 4] = [0.0, 1e-14, 1e-12, 1e-10];
@@ -123,9 +126,13 @@ where
                 && refined.0.trace().is_finite()
         };
         match refined.filter(agrees) {
-            // Near the separatrix the pixels' bounds do not describe the error: the motion bends too much.
-            Some(_) if separatrix_distance(&fit.motion) < NEAR_SEPARATRIX => {}
-            Some(refined) => found = refined,
+            Some(refined) => {
+                found = refined;
+                // Near the separatrix the pixels' bounds alone do not describe the error: the motion bends too much.
+                if separatrix_distance(&fit.motion) < NEAR_SEPARATRIX {
+                    found.0 += first.0 * OF_LEAST_SQUARES;
+                }
+            }
             None => {
                 fit = by_least_squares.clone();
                 rounding = likelihood;
@@ -133,7 +140,7 @@ where
         }
     }
     if with_points {
-        found = covariance_of::<L, G>(scene, &fit, &rounding, true)?;
+        found.1 = covariance_of::<L, G>(scene, &fit, &rounding, true)?.1;
     }
     let (covariance, point_covariances) = found;
     let others = other_shapes::<L, G>(scene, &by_least_squares, &covariance, settings.noise);

@@ -77,11 +77,11 @@ impl Widths {
 
 impl Default for Widths {
     /// A tracked body in low Earth orbit, before a calibrated camera. Gravity gradient turns a body of moments `A <
-    /// B` by at most `1.5 n² (B - A) / I`, 1e-6 rad/s² for a body that is as slender as most, and half of it as a mean over
-    /// attitudes; drag and outgassing are of the same order. The relative acceleration of its centre is `3 n²` times the distance.
+    /// B` by at most `1.5 n² (B - A) / I`, some 1e-6 rad/s² for a body that is as slender as most, and half of it as a mean
+    /// over attitudes; drag and outgassing are of the same order. The relative acceleration of its centre is `3 n²` times the distance.
     fn default() -> Self {
         Self {
-            acceleration: 5e-7,
+            acceleration: 8e-7,
             correlation_time: 300.0,
             path: 4e-6,
             gyro_noise: 1e-4,
