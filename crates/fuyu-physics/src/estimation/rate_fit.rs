@@ -80,10 +80,11 @@ pub fn fit_rates(rates: &[Rate], widths: &Widths) -> Result<Estimated, EstimateE
     let variance = variance.max((LEAST_NOISE * size).powi(2));
     let mut state =
         state_at_end(rates, &found, variance, widths).ok_or_else(|| not_free(variance.sqrt()))?;
-    state.others = other_motions(rates, &found, fits, variance, widths).map(|motions| OtherMotions {
-        motions,
-        conditional: state.covariance,
-    });
+    state.others =
+        other_motions(rates, &found, fits, variance, widths).map(|motions| OtherMotions {
+            motions,
+            conditional: state.covariance,
+        });
     let rms = (found.squares / count).sqrt();
     let report = report_of_state(&state, rms).ok_or_else(|| not_free(rms))?;
     let mut diagnosis = report.diagnosis;

@@ -51,7 +51,9 @@ where
     Disturbed: PoseModel<L, G>,
 {
     let of_shape = covariance.fixed_view::<5, 5>(0, 0).into_owned();
-    let eigen = (of_shape + of_shape.transpose()).scale(0.5).symmetric_eigen();
+    let eigen = (of_shape + of_shape.transpose())
+        .scale(0.5)
+        .symmetric_eigen();
     if eigen.eigenvalues.max() < LOOSE * LOOSE {
         return None;
     }
@@ -96,7 +98,11 @@ where
         motions.push((weight, other.last_state::<G>().0));
     }
     let all: f64 = 1.0 + motions.iter().map(|(weight, _)| weight).sum::<f64>();
-    let squares: f64 = 1.0 + motions.iter().map(|(weight, _)| weight * weight).sum::<f64>();
+    let squares: f64 = 1.0
+        + motions
+            .iter()
+            .map(|(weight, _)| weight * weight)
+            .sum::<f64>();
     for (weight, _) in &mut motions {
         *weight /= all;
     }

@@ -103,7 +103,10 @@ impl Solution {
                 let pose = self.poses.last().ok_or(ScaleError::NoPose)?;
                 let R = pose.R_CB.to_rotation_matrix();
                 let of_point = R * point.covariance.unwrap_or_default() * R.inverse();
-                let of_centre = self.centre.as_ref().map(|c| c.covariance.fixed_view::<3, 3>(0, 0).into_owned());
+                let of_centre = self
+                    .centre
+                    .as_ref()
+                    .map(|c| c.covariance.fixed_view::<3, 3>(0, 0).into_owned());
                 let spread = of_point + of_centre.unwrap_or_default();
                 (pose.R_CB * point.p_B + pose.t_C, spread, metres)
             }
@@ -158,7 +161,11 @@ mod tests {
         );
         assert_eq!(KnownLength::range("7,2.5"), Ok(KnownLength::Range(7, 2.5)));
         for wrong in ["3,3,1", "3,5", "3,5,-1", "a,b,1", "3,5,inf"] {
-            assert!(KnownLength::distance(wrong).unwrap_err().contains("ID,ID,M"));
+            assert!(
+                KnownLength::distance(wrong)
+                    .unwrap_err()
+                    .contains("ID,ID,M")
+            );
         }
         assert!(KnownLength::range("7,0").is_err());
     }

@@ -40,7 +40,13 @@ const MOST_MEASURED: f64 = 2.0;
 /// The same relative to the residuals of one independent pose per frame.
 const AS_INDEPENDENT: f64 = 1.2;
 
-/// The same, after a short rotation.
+/// Largest ratio of residuals to the noise that is white over time.
+const AS_WHITE: f64 = 1.35;
+
+/// An outlier counts as a residual of this many times the noise.
+const OUTLIER: f64 = 6.0;
+
+/// Largest accepted ratio of residuals to the noise measured between frames, after a short rotation.
 const MOST_AFTER_SHORT_TURN: f64 = 1.5;
 
 /// Largest number of segments.
@@ -84,7 +90,8 @@ pub(super) fn solve(
         });
     }
     // Noise that is white over time is known without a motion; neighbouring frames with few points show less of it.
-    let measured = white_noise(tracks).map_or(measured, |white| white.max(measured.min(white * 1.3)));
+    let white = white_noise(tracks);
+    let measured = white.map_or(measured, |white| white.max(measured.min(white * 1.3)));
     let first = match measured < NOISIER * assumed {
         true => assumed,
         false => measured.min(assumed * f64::from(1 << DOUBLINGS)),
@@ -103,11 +110,17 @@ pub(super) fn solve(
         true => &[Initialisation::RateSearch],
         false => &[
             Initialisation::Structure,
+            Initialisation::OtherSamples,
             Initialisation::RelativeRotation,
             Initialisation::RateSearch,
         ],
     };
+    // Larger residuals than the noise that is white over time are those of another minimum, or of what the model lacks.
+    let fits_noise = |b: &GlobalFit| {
+        white.is_none_or(|white| b.residuals.deviation < AS_WHITE * white.max(assumed))
+    };
     let mut searched_reused_ids = false;
+    let mut held = false;
     let most = assumed * f64::from(1 << DOUBLINGS);
     let levels = |initialisation| {
         let noises = (0..=DOUBLINGS).map(|doubling| first * f64::from(1 << doubling));
@@ -116,6 +129,10 @@ pub(super) fn solve(
             .map(move |n| (initialisation, n))
     };
     for (initialisation, noise) in initialisations.iter().copied().flat_map(levels) {
+        let is_again = initialisation == Initialisation::OtherSamples;
+        if (held && noise > first) || (is_again && !held) {
+            continue;
+        }
         // Structure with a higher noise adds nothing once most frames are resected, and little if tracks are short.
         let lasting = observations >= SHORT_TRACK * frames.ids.len();
         let enough = 4 * resected >= 3 * frames.list.len() || !lasting;
@@ -129,7 +146,7 @@ pub(super) fn solve(
             orbit: options.orbit,
             with_points: options.with_points,
         };
-        let mut rng = StdRng::seed_from_u64(options.seed);
+        let mut rng = StdRng::seed_from_u64(options.seed.wrapping_add(u64::from(is_again)));
         // With too small a noise the inlier gate rejects many correct points.
         let holds = |f: &GlobalFit| f.residuals.outliers < MOST_OUTLIERS && trusted(f);
         let good = |f: &GlobalFit| holds(f) && quiet(f);
@@ -155,8 +172,13 @@ pub(super) fn solve(
             }
         }
         let Some(found) = found else { continue };
-        let done = holds(&found);
-        let better = |b: &GlobalFit| found.residuals.outliers < b.residuals.outliers;
+        held |= holds(&found);
+        let done = holds(&found) && fits_noise(&found);
+        let square = |b: &GlobalFit| {
+            let share = b.residuals.outliers;
+            b.residuals.deviation.powi(2) * (1.0 - share) + (OUTLIER * first).powi(2) * share
+        };
+        let better = |b: &GlobalFit| square(&found) < square(b);
         if best.as_ref().is_none_or(better) {
             best = Some(found);
         }
@@ -204,7 +226,7 @@ fn attempt(
     resected: &mut usize,
 ) -> Option<GlobalFit> {
     match initialisation {
-        Initialisation::Structure => {
+        Initialisation::Structure | Initialisation::OtherSamples => {
             let mut attempt_with = |thoroughness| {
                 from_structure(frames.clone(), settings, thoroughness, rng, resected)
             };
@@ -229,6 +251,8 @@ fn attempt(
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Initialisation {
     Structure,
+    /// The same with other random samples.
+    OtherSamples,
     RelativeRotation,
     RateSearch,
 }

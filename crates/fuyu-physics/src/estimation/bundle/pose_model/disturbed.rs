@@ -558,9 +558,6 @@ impl<const L: usize, const G: usize> PoseModel<L, G> for Disturbed {
         for k in 0..5 {
             distances[k] -= self.shape_mean[k];
         }
-        (
-            deviations.map(|d| (noise / d.max(1e-9)).powi(2)),
-            distances,
-        )
+        (deviations.map(|d| (noise / d.max(1e-9)).powi(2)), distances)
     }
 }
