@@ -23,6 +23,8 @@ pub struct Times {
     early: Mutex<Option<Vec<Early>>>,
     /// Stamp of the last message \[ns\].
     last: AtomicU64,
+    /// [`Clock::changes_of_publisher`] at the last message.
+    changes_of_publisher: AtomicU64,
     /// Wall time at the start, and the monotonic time.
     start: (Time, Instant),
 }
@@ -48,6 +50,7 @@ impl Times {
             now: AtomicI64::new(NO_CLOCK),
             early: Mutex::new(Some(Vec::new())),
             last: AtomicU64::new(0),
+            changes_of_publisher: AtomicU64::new(0),
             start: (Time::wall(), Instant::now()),
         }
     }
@@ -111,7 +114,9 @@ impl Times {
         };
         let (received, sent) = (nanos(received), nanos(sent));
         let last = self.last.swap(received, Relaxed);
-        if simulated && received < last {
+        let changes = self.clock.changes_of_publisher();
+        let is_restart = changes == self.changes_of_publisher.swap(changes, Relaxed);
+        if simulated && received < last && is_restart {
             // Sorted by time, one file would mix the two runs.
             tracing::info!(
                 "/clock jumped back from {} s to {} s: the bag continues in a new file",
