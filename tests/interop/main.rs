@@ -35,5 +35,6 @@ mod soak;
 mod speed;
 mod static_peers;
 mod time_jumps;
+mod two_computers;
 mod wire;
 mod wireguard;

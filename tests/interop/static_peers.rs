@@ -1,6 +1,12 @@
 //! Discovery without multicast, by `ROS_STATIC_PEERS`.
 
-use crate::{link_loss::Split, waiting::PATIENCE, wire::Wire};
+use crate::{
+    two_computers::{START, Settings, TwoComputers},
+    wire::Wire,
+};
+
+const NEAR: &str = "ROS_STATIC_PEERS=10.98.0.2";
+const FAR: &str = "ROS_STATIC_PEERS=10.98.0.1";
 
 // Fails if no announcement is sent to the peer, or if data are sent by multicast.
 #[test]
@@ -8,8 +14,11 @@ fn a_static_peer_is_found_without_multicast() {
     let Some(wire) = Wire::without_multicast(["static", "peer"]) else {
         return;
     };
-    let [near, far] = ["ROS_STATIC_PEERS=10.98.0.2", "ROS_STATIC_PEERS=10.98.0.1"];
-    Split::new(wire, 114, [&[near], &[far]], &[]).all_receive(0.0, 3 * PATIENCE);
+    let settings = Settings {
+        environment: [&[NEAR], &[FAR]],
+        ..Settings::default()
+    };
+    TwoComputers::start(wire, 114, settings).all_receive(0.0, START);
 }
 
 // As over a tunnel: nothing but loopback and the interface towards the peer is used.
@@ -19,6 +28,9 @@ fn static_peers_are_added_to_the_local_computer() {
         return;
     };
     let local = "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST";
-    let [near, far] = ["ROS_STATIC_PEERS=10.98.0.2", "ROS_STATIC_PEERS=10.98.0.1"];
-    Split::new(wire, 115, [&[local, near], &[local, far]], &[]).all_receive(0.0, 3 * PATIENCE);
+    let settings = Settings {
+        environment: [&[local, NEAR], &[local, FAR]],
+        ..Settings::default()
+    };
+    TwoComputers::start(wire, 115, settings).all_receive(0.0, START);
 }

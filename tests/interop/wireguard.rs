@@ -9,7 +9,7 @@ use std::{
 };
 
 use crate::{
-    link_loss::Split,
+    two_computers::{START, Settings, TwoComputers},
     waiting::{PATIENCE, eventually},
     wire::Wire,
 };
@@ -100,5 +100,9 @@ fn a_robot_works_over_wireguard() {
     let _tunnel = tunnel(&wire, folder.path());
     let local = "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST";
     let [near, far] = ["ROS_STATIC_PEERS=10.44.0.2", "ROS_STATIC_PEERS=10.44.0.1"];
-    Split::new(wire, 120, [&[local, near], &[local, far]], &[]).all_receive(0.0, 3 * PATIENCE);
+    let settings = Settings {
+        environment: [&[local, near], &[local, far]],
+        ..Settings::default()
+    };
+    TwoComputers::start(wire, 120, settings).all_receive(0.0, START);
 }

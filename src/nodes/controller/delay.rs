@@ -41,7 +41,9 @@ impl DelayNotices {
             DelayStatus::Measuring => {
                 let since = *self.waits_since.get_or_insert(report.stamp);
                 if report.stamp.seconds_since(since) < PATIENCE {
-                    return Some(format!("the delay of commands is being measured ({topic}): efforts are zero"));
+                    return Some(format!(
+                        "the delay of commands is being measured ({topic}): efforts are zero"
+                    ));
                 }
                 let problem = format!(
                     "no delays have arrived on {topic}: efforts are zero. The dynamics node publishes them if its \
@@ -58,7 +60,9 @@ impl DelayNotices {
                 (self.is_compensated, self.is_refused) = (true, false);
                 if has_changed {
                     let delay = 1e3 * delay;
-                    tracing::info!("node {node}: efforts act {delay:.0} ms after their states, which is compensated");
+                    tracing::info!(
+                        "node {node}: efforts act {delay:.0} ms after their states, which is compensated"
+                    );
                 }
                 None
             }

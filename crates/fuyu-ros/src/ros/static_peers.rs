@@ -11,12 +11,17 @@ use rustdds::DomainParticipant;
 use std::{
     io,
     net::{IpAddr, Ipv4Addr, SocketAddr, ToSocketAddrs, UdpSocket},
+    thread,
+    time::{Duration, Instant},
 };
 
 use super::context::DomainError;
 
 /// Participants of a peer that are announced to: those with the first ids, as discovery on one computer does.
 const PARTICIPANTS: u16 = 12;
+
+/// Within this time a participant is created.
+const CREATION: Duration = Duration::from_secs(1);
 
 /// The group of discovery (RTPS 2.5, section 9.6.2.4.1).
 const MULTICAST_GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 1);
@@ -156,8 +161,18 @@ pub(super) fn introduce(
 /// still found by multicast if it announces itself that way ([`introduce`]).
 pub(super) fn occupy_multicast_ports(domain: u16) -> Vec<UdpSocket> {
     let base = multicast_port(domain);
-    let sockets = [base, base + 1].map(|port| UdpSocket::bind((Ipv4Addr::UNSPECIFIED, port)));
-    let sockets: Vec<_> = sockets.into_iter().flatten().collect();
+    let bind = || {
+        let sockets = [base, base + 1].map(|port| UdpSocket::bind((Ipv4Addr::UNSPECIFIED, port)));
+        sockets.into_iter().flatten().collect::<Vec<_>>()
+    };
+    let mut sockets = bind();
+    // Another process that is being created has them for a moment.
+    let end = Instant::now() + CREATION;
+    while sockets.len() < 2 && Instant::now() < end {
+        drop(sockets);
+        thread::sleep(CREATION / 20);
+        sockets = bind();
+    }
     if sockets.len() < 2 {
         tracing::warn!(
             "ROS_STATIC_PEERS: another process uses multicast in domain {domain}, so this one does as well; peers that \

@@ -131,11 +131,20 @@ fn efforts_that_act_late_are_as_good_as_prompt_ones() {
     assert!(prompt < 3.0 && end < 0.05, "{prompt} rad/s, {end} m");
     for delay in [0.01, 0.026, 0.04, 0.1] {
         let (late, _) = fastest(delay, false, 1.0);
-        assert!(delay < 0.02 || !(late < 5.0 * prompt), "{delay} s late: {late} rad/s");
+        assert!(
+            delay < 0.02 || !(late < 5.0 * prompt),
+            "{delay} s late: {late} rad/s"
+        );
         let (compensated, error) = fastest(delay, true, 1.0);
         let more = (compensated / prompt - 1.0).abs();
-        assert!(more < 0.2, "{delay} s late: {compensated}, prompt {prompt} rad/s");
-        assert!((error - end).abs() < 0.05, "{delay} s late: {error}, prompt {end} m");
+        assert!(
+            more < 0.2,
+            "{delay} s late: {compensated}, prompt {prompt} rad/s"
+        );
+        assert!(
+            (error - end).abs() < 0.05,
+            "{delay} s late: {error}, prompt {end} m"
+        );
     }
 }
 
@@ -145,7 +154,10 @@ fn a_model_that_is_wrong_by_a_fifth_does() {
     let (prompt, _) = fastest(0.0, false, 1.0);
     for actuator in [0.8, 1.2] {
         let (compensated, error) = fastest(0.05, true, actuator);
-        assert!(compensated < 1.5 * prompt, "{actuator}: {compensated}, {prompt} rad/s");
+        assert!(
+            compensated < 1.5 * prompt,
+            "{actuator}: {compensated}, {prompt} rad/s"
+        );
         assert!(error < 0.1, "{actuator}: {error} m");
     }
 }
@@ -191,7 +203,10 @@ fn efforts_are_zero_until_the_delay_is_known_and_beyond_the_limit() {
     let error = refused(0.6, 1.0);
     assert!(matches!(error, DelayError::TooLong { .. }), "{error}");
     let text = refused(0.04, 10.0).to_string();
-    assert!(text.contains("efforts act 0.040 s after") && text.contains("stable up to 143 1/s"), "{text}");
+    assert!(
+        text.contains("efforts act 0.040 s after") && text.contains("stable up to 143 1/s"),
+        "{text}"
+    );
 }
 
 // Would break if delays that vary by more than the gains bear were taken for known.
@@ -201,7 +216,9 @@ fn a_delay_that_varies_is_refused() {
     let mut last = DelayStatus::Measuring;
     for k in 0..40 {
         let stamp = Stamp::from_secs_f64(PERIOD * f64::from(k));
-        control_loop.add_joint_state(stamp, &START, &[0.0; 6]).unwrap();
+        control_loop
+            .add_joint_state(stamp, &START, &[0.0; 6])
+            .unwrap();
         let delay = 0.02 + 0.01 * f64::from(k % 5);
         control_loop.add_command_delay(delay).unwrap();
         last = control_loop.step().unwrap().delay;
@@ -209,7 +226,10 @@ fn a_delay_that_varies_is_refused() {
     let DelayStatus::Refused(DelayError::Unstable { delay, spread, .. }) = last else {
         panic!("{last:?}");
     };
-    assert!((delay - 0.04).abs() < 1e-9 && (spread - 0.04).abs() < 1e-9, "{delay}, {spread}");
+    assert!(
+        (delay - 0.04).abs() < 1e-9 && (spread - 0.04).abs() < 1e-9,
+        "{delay}, {spread}"
+    );
     assert!(control_loop.add_command_delay(-1.0).is_err());
     assert!(control_loop.add_command_delay(f64::NAN).is_err());
 }
