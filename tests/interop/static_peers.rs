@@ -16,6 +16,7 @@ fn a_static_peer_is_found_without_multicast() {
     };
     let settings = Settings {
         environment: [&[NEAR], &[FAR]],
+        dynamics_first: true,
         ..Settings::default()
     };
     TwoComputers::start(wire, 114, settings).all_receive(0.0, START);

@@ -32,6 +32,8 @@ pub fn now() -> f64 {
 pub struct Settings<'a> {
     /// Variables of all processes on each computer, as `env` takes them.
     pub environment: [&'a [&'a str]; 2],
+    /// Whether the dynamics node starts before rclpy is there: the motion begins without it.
+    pub dynamics_first: bool,
     /// More arguments of the dynamics node.
     pub dynamics: &'a [&'a str],
     /// More arguments of the controller.
@@ -68,16 +70,23 @@ impl TwoComputers {
                 .current_dir(folder.path());
             Running::start(command, domain)
         };
-        // fuyu's first: with static peers they do without multicast, for which rclpy must not listen yet.
         let controller = node(1, "controller", settings.controller);
         let bag = format!("bag:={}", bag_in(folder.path()).display());
         let recorder = node(1, "recorder", &["-p", "topics:=[joint_states]", "-p", &bag]);
         let echo = ["--ros-args", "-r", "__node:=echo"];
         let echo = Running::program(command(0, &executable()), "echo", domain, &echo);
         let camera = node(0, "camera", &[]);
-        let endless = ["-p", "duration:=0.0"];
         echo.says("echoes");
         recorder.says("recording to");
+        // With static peers fuyu does without multicast, if no other process of the computer listens to it yet.
+        let start = || {
+            node(
+                0,
+                "dynamics",
+                &[&["-p", "duration:=0.0"], settings.dynamics].concat(),
+            )
+        };
+        let early = settings.dynamics_first.then(start);
         let far = Peer::start_with(command(1, &python()), "far", domain);
         let near = Peer::start_with(command(0, &python()), "near", domain);
         let mut observers = [near, far];
@@ -88,8 +97,7 @@ impl TwoComputers {
         observers[0].subscribe("from_far", TEXT, "reliable");
         observers[1].subscribe("from_near", TEXT, "reliable");
         observers[1].subscribe("out/std_msgs/Int64", NUMBER, "reliable");
-        // The motion begins when all others are there.
-        let dynamics = node(0, "dynamics", &[&endless, settings.dynamics].concat());
+        let dynamics = early.unwrap_or_else(start);
         Self {
             nodes: [dynamics, camera, echo, controller, recorder],
             observers,

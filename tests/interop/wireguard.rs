@@ -6,11 +6,13 @@ use std::{
     io::Write,
     path::Path,
     process::{Child, Command, Stdio},
+    thread,
+    time::{Duration, Instant},
 };
 
 use crate::{
     two_computers::{START, Settings, TwoComputers},
-    waiting::{PATIENCE, eventually},
+    waiting::PATIENCE,
     wire::Wire,
 };
 
@@ -72,9 +74,16 @@ fn tunnel(wire: &Wire, folder: &Path) -> Tunnel {
             command.args(["allowed-ips", &format!("10.44.0.{peer}/32")]);
             command.args(["endpoint", &format!("10.98.0.{peer}:51820")]);
             let output = command.output().expect("wg can be started");
-            output.status.success().then_some(())
+            match output.status.success() {
+                true => Ok(()),
+                false => Err(String::from_utf8_lossy(&output.stderr).into_owned()),
+            }
         };
-        eventually("the tunnel's interface", PATIENCE, configure);
+        let end = Instant::now() + PATIENCE;
+        while let Err(problem) = configure() {
+            assert!(Instant::now() < end, "no tunnel: {problem}");
+            thread::sleep(Duration::from_millis(50));
+        }
         for args in [
             &["addr", "add", &format!("10.44.0.{}/24", i + 1), "dev", name][..],
             &["link", "set", name, "up"],

@@ -291,6 +291,11 @@ impl Controller {
         Ok(())
     }
 
+    /// Changes how tip and goal are predicted, at once.
+    pub(super) fn set_prediction(&mut self, prediction: Prediction) {
+        self.config.prediction = prediction;
+    }
+
     /// Replaces the law by a user-defined one, without a step in the efforts as in [`set_config`](Self::set_config).
     pub fn set_law(&mut self, law: Box<dyn Law>) {
         self.law = law;

@@ -32,6 +32,8 @@ const MAX_PERIODS: f64 = 50.0;
 const REMEMBERED: usize = 64;
 /// Relative error of the model's inertia that the loop must bear.
 const MODEL_ERROR: f64 = 0.2;
+/// How fast the compensated delay follows the measured one, of the time that passes.
+const SLEW: f64 = 0.1;
 /// Longest step of the prediction \[s\].
 const MAX_STEP: f64 = 0.005;
 
@@ -99,6 +101,8 @@ pub(super) struct DelayCompensation {
     /// The last delays \[s\], oldest first.
     delays: VecDeque<f64>,
     sorted: Vec<f64>,
+    /// The delay that is compensated; `None` before the first \[s\].
+    delay: Option<f64>,
     /// Time between two states \[s\]; zero before it is known.
     period: f64,
     /// Stamp of the last state.
@@ -123,6 +127,7 @@ impl DelayCompensation {
             unused: vec![DVector::zeros(joints); REMEMBERED],
             delays: VecDeque::with_capacity(WINDOW),
             sorted: Vec::with_capacity(WINDOW),
+            delay: None,
             period: 0.0,
             last: None,
             rate: None,
@@ -133,6 +138,7 @@ impl DelayCompensation {
     pub fn restart(&mut self) {
         self.unused.extend(self.sent.drain(..).map(|(_, e)| e));
         self.delays.clear();
+        self.delay = None;
         self.last = None;
         self.rate = None;
     }
@@ -166,7 +172,14 @@ impl DelayCompensation {
         if self.delays.len() < FIRST_DELAYS || self.period == 0.0 {
             return DelayStatus::Measuring;
         }
-        let (delay, spread) = self.delay_and_spread();
+        let (median, spread) = self.delay_and_spread();
+        // The time of the predicted states must not jump.
+        let most = SLEW * passed.max(0.0);
+        let delay = match self.delay {
+            Some(delay) => delay + (median - delay).clamp(-most, most),
+            None => median,
+        };
+        self.delay = Some(delay);
         let limit = MAX_PERIODS * self.period;
         if delay > limit {
             return DelayStatus::Refused(DelayError::TooLong { delay, limit });

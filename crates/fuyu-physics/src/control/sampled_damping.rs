@@ -156,7 +156,10 @@ mod tests {
                     rates.push(rates[rates.len() - 1] - damping * rates[i]);
                 }
                 let end = rates.len() - 100;
-                (rates[end..].iter()).fold(0.0, |most: f64, rate| most.max(rate.abs()))
+                (rates[end..].iter()).fold(0.0, |most: f64, rate| match rate.is_finite() {
+                    true => most.max(rate.abs()),
+                    false => f64::INFINITY,
+                })
             };
             assert!(last(0.98) < 1e-3, "{periods} periods: {}", last(0.98));
             assert!(last(1.02) > 10.0, "{periods} periods: {}", last(1.02));

@@ -17,6 +17,7 @@ use nalgebra::{DVector, Vector3};
 use newest::{Horizon, Newest};
 
 use super::delay_compensation::DelayCompensation;
+use super::prediction::Prediction;
 use super::{
     ConfigError, Controller, ControllerConfig, DelayStatus, GoalRate, Measurement, TipMeasurement,
 };
@@ -32,7 +33,8 @@ pub struct ControlLoopConfig {
     pub lockstep: bool,
     /// Whether the delay of the efforts is compensated ([`ControlLoop::add_command_delay`]): the law has the joint state, and the
     /// base's angular velocity, that are predicted for the time at which its efforts act. Until delays have been measured,
-    /// and where the loop would not be stable, efforts are zero ([`DelayStatus`]). The prediction is that of a robot whose
+    /// and where the loop would not be stable, efforts are zero ([`DelayStatus`]). Tips and goals are predicted for that time,
+    /// too: [`Prediction::None`] is taken for [`Prediction::Latency`]. The prediction is that of a robot whose
     /// links are rigid and form no closed loops.
     pub compensates_delay: bool,
 }
@@ -112,7 +114,7 @@ impl ControlLoop {
     /// A loop around `controller`, before any input.
     pub fn new(controller: Controller, config: ControlLoopConfig) -> Self {
         let (joints, tips) = (controller.model().dof(), controller.tip_count());
-        Self {
+        let mut control_loop = Self {
             horizon: Horizon {
                 newest: None,
                 timeout: config.timeout,
@@ -127,6 +129,17 @@ impl ControlLoop {
                 .then(|| Box::new(DelayCompensation::new(controller.model()))),
             controller,
             config,
+        };
+        control_loop.predict_tips();
+        control_loop
+    }
+
+    /// Where delays are compensated, the motion of tip and base since the exposure is always added: the law of a predicted state
+    /// needs them for the same time.
+    fn predict_tips(&mut self) {
+        let has_none = self.controller.config().prediction == Prediction::None;
+        if self.config.compensates_delay && has_none {
+            self.controller.set_prediction(Prediction::Latency);
         }
     }
 
@@ -146,6 +159,7 @@ impl ControlLoop {
     /// [`ConfigError`] when they do not fit the robot; nothing has changed then.
     pub fn set_controller_config(&mut self, config: ControllerConfig) -> Result<(), ConfigError> {
         self.controller.set_config(config)?;
+        self.predict_tips();
         if let Some(compensation) = &mut self.delay_compensation {
             compensation.controller_changes();
         }

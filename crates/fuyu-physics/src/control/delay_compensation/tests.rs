@@ -93,6 +93,10 @@ impl Plant {
         for k in 0..periods {
             let time = PERIOD * f64::from(k);
             self.to(time);
+            if !self.state.is_finite() {
+                self.fastest = f64::INFINITY;
+                break;
+            }
             let stamp = Stamp::from_secs_f64(time);
             self.workspace.set_motion(&self.state);
             let X_WB = self.state.X_WB(&self.workspace);
@@ -138,11 +142,11 @@ fn efforts_that_act_late_are_as_good_as_prompt_ones() {
         let (compensated, error) = fastest(delay, true, 1.0);
         let more = (compensated / prompt - 1.0).abs();
         assert!(
-            more < 0.2,
+            more < 0.01,
             "{delay} s late: {compensated}, prompt {prompt} rad/s"
         );
         assert!(
-            (error - end).abs() < 0.05,
+            (error - end).abs() < 0.005,
             "{delay} s late: {error}, prompt {end} m"
         );
     }
@@ -155,10 +159,10 @@ fn a_model_that_is_wrong_by_a_fifth_does() {
     for actuator in [0.8, 1.2] {
         let (compensated, error) = fastest(0.05, true, actuator);
         assert!(
-            compensated < 1.5 * prompt,
+            compensated < 1.3 * prompt,
             "{actuator}: {compensated}, {prompt} rad/s"
         );
-        assert!(error < 0.1, "{actuator}: {error} m");
+        assert!(error < 0.05, "{actuator}: {error} m");
     }
 }
 
