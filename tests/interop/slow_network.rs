@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 use std::time::Instant;
 
 use crate::{
+    lateness::repeat_if_late,
     two_computers::{START, Settings, TwoComputers},
     wire::Wire,
 };
@@ -14,6 +15,13 @@ const STATES: usize = 500;
 const LARGEST_RATE: f64 = 2.5;
 /// Time does not wait for answers.
 const NO_WAITING: [&str; 2] = ["-p", "answer_timeout:=0.0"];
+/// Gains that bear delays which vary by several periods, but not one of a fifth of a second.
+const GENTLE: [&str; 4] = [
+    "-p",
+    "k_o:=2.0",
+    "-p",
+    "k_v:=[400.0, 100.0, 200.0, 10.0, 2.0, 0.2]",
+];
 const COMPENSATED: [&str; 2] = ["-p", "delay_compensation:=true"];
 
 /// What the first five seconds of a run were.
@@ -89,21 +97,23 @@ fn time_that_waits_for_a_slow_network_changes_no_motion() {
     assert!(run.fastest > 1.5, "{} rad/s: it has not moved", run.fastest);
 }
 
-// Fails if the delay is not measured, or is compensated wrongly: joint rates then reach a hundred times as much.
+// Fails if the delay is not measured, or is compensated wrongly: joint rates then grow to the largest that the efforts allow.
 #[test]
 fn a_measured_delay_is_compensated() {
-    let settings = Settings {
-        dynamics: &NO_WAITING,
-        controller: &COMPENSATED,
-        ..Settings::default()
-    };
-    let Some(run) = run(["slow", "slowfar"], 125, (0.0, 0.02), settings) else {
-        return;
-    };
-    println!("20 ms, compensated: {:.2} rad/s", run.fastest);
-    assert!(run.said.contains("which is compensated"), "{}", run.said);
-    assert!(run.fastest < 2.0 * LARGEST_RATE, "{} rad/s", run.fastest);
-    assert!(run.fastest > 1.5, "{} rad/s: it has not moved", run.fastest);
+    repeat_if_late(|| {
+        let settings = Settings {
+            dynamics: &NO_WAITING,
+            controller: &[&COMPENSATED[..], &GENTLE].concat(),
+            ..Settings::default()
+        };
+        let Some(run) = run(["slow", "slowfar"], 125, (0.0, 0.1), settings) else {
+            return;
+        };
+        println!("100 ms, compensated: {:.2} rad/s", run.fastest);
+        assert!(run.said.contains("which is compensated"), "{}", run.said);
+        assert!(run.fastest < LARGEST_RATE, "{} rad/s", run.fastest);
+        assert!(run.moved > 0.1, "{} rad: it has not moved", run.moved);
+    });
 }
 
 // Fails if the arm moves with gains that are not stable with what remains of the delay.
@@ -127,7 +137,9 @@ fn a_delay_beyond_the_stability_limit_is_refused_before_the_arm_moves() {
 #[test]
 #[ignore = "takes ten minutes on an idle machine"]
 fn table_of_delays() {
-    println!("| delay, loss | waiting: factor, rad/s | no waiting: rad/s | compensated: rad/s |");
+    println!(
+        "| delay, loss | waiting: factor, rad/s | no waiting: rad/s | compensated | gentle gains, no waiting | compensated |"
+    );
     for (loss, delay) in [
         (0.0, 0.0),
         (0.0, 0.002),
@@ -135,15 +147,19 @@ fn table_of_delays() {
         (0.0, 0.01),
         (0.0, 0.02),
         (0.0, 0.05),
+        (0.0, 0.1),
         (0.01, 0.0),
         (0.01, 0.01),
         (0.01, 0.05),
     ] {
         let patient = ["-p", "answer_timeout:=10.0"];
+        let gentle = [&COMPENSATED[..], &GENTLE].concat();
         let cases = [
             (&patient[..], &[][..]),
             (&NO_WAITING, &[]),
             (&NO_WAITING, &COMPENSATED),
+            (&NO_WAITING, &GENTLE),
+            (&NO_WAITING, &gentle),
         ];
         let runs = cases.map(|(dynamics, controller)| {
             let settings = Settings {
@@ -153,17 +169,26 @@ fn table_of_delays() {
             };
             run(["table", "tablefar"], 127, (loss, delay), settings)
         });
-        let [Some(waiting), Some(free), Some(compensated)] = runs else {
+        let [
+            Some(waiting),
+            Some(free),
+            Some(compensated),
+            Some(soft),
+            Some(gentle),
+        ] = runs
+        else {
             return;
         };
         println!(
-            "| {} ms, {} % | {:.2}, {:.2} | {:.2} | {:.2} |",
+            "| {} ms, {} % | {:.2}, {:.2} | {:.2} | {:.2} | {:.2} | {:.2} |",
             1e3 * delay,
             1e2 * loss,
             waiting.factor,
             waiting.fastest,
             free.fastest,
-            compensated.fastest
+            compensated.fastest,
+            soft.fastest,
+            gentle.fastest
         );
     }
 }

@@ -161,7 +161,8 @@ impl Sink {
         if self.is_clock
             && let Ok(clock) = cdr::decode::<rosgraph_msgs::Clock>(&sample.cdr)
         {
-            self.session.times.advance(clock.clock.into());
+            let times = &self.session.times;
+            times.advance(clock.clock.into(), sample.publisher);
         }
         self.session.times.write(&handle, topic, sample);
     }

@@ -2,13 +2,13 @@
 
 use std::{
     sync::{
-        Arc,
+        Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering},
     },
     time::{Duration, Instant},
 };
 
-use super::{Time, events::Events};
+use super::{Gid, Time, events::Events};
 
 /// The time of a node. Clones show the same time.
 #[derive(Debug, Clone)]
@@ -25,6 +25,8 @@ struct Inner {
     now: AtomicI64,
     /// How often the time was taken from another publisher of `/clock` while the one before still published.
     changes_of_publisher: AtomicU64,
+    /// The publisher of `/clock` whose time this is.
+    followed: Mutex<Option<Gid>>,
     events: Arc<Events>,
 }
 
@@ -36,6 +38,7 @@ impl Clock {
                 driven: AtomicBool::new(false),
                 now: AtomicI64::new(0),
                 changes_of_publisher: AtomicU64::new(0),
+                followed: Mutex::default(),
                 events,
             }),
         }
@@ -81,6 +84,21 @@ impl Clock {
     pub(super) fn publisher_changes(&self) {
         let count = &self.inner.changes_of_publisher;
         count.fetch_add(1, Ordering::AcqRel);
+    }
+
+    /// Whether the time is that of this publisher of `/clock`; there may be others by mistake. True for all before the first
+    /// message.
+    pub fn follows(&self, publisher: Gid) -> bool {
+        self.followed().is_none_or(|followed| followed == publisher)
+    }
+
+    fn followed(&self) -> MutexGuard<'_, Option<Gid>> {
+        let followed = self.inner.followed.lock();
+        followed.unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn set_publisher(&self, publisher: Gid) {
+        *self.followed() = Some(publisher);
     }
 
     /// Whether the program sets the time.

@@ -93,13 +93,12 @@ impl Inbox for ClockFollower {
         let verdict = source.receive(raw.publisher, Instant::now(), |p| self.is_own(p));
         let several = source.several();
         drop(source);
-        match verdict {
-            Verdict::Follow => self.clock.set(time),
-            Verdict::FollowInstead => {
-                self.clock.publisher_changes();
-                self.clock.set(time);
-            }
-            Verdict::Ignore => {}
+        if verdict == Verdict::FollowInstead {
+            self.clock.publisher_changes();
+        }
+        if verdict != Verdict::Ignore {
+            self.clock.set_publisher(raw.publisher);
+            self.clock.set(time);
         }
         // Nothing is logged while messages of this participant are delivered; one of two publishers is of another one.
         if let Some(several) = several
