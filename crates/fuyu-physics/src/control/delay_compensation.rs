@@ -3,8 +3,8 @@
 //! Over a network, the efforts that answer the state of time `t` act at `t + d`. A law that uses the state of `t` then damps
 //! with a delay, which is unstable unless its gains are small ([`SampledDamping::limit_if_late`]). So the state is
 //! predicted: from `t` to `t + d` by the robot's equations of motion, with the efforts that have been sent and act in that
-//! time (a state predictor: Manitius and Olbrot, Finite spectrum assignment problem for systems with delays, IEEE Trans. Automatic Control
-//! 24 (1979) 541). The law then sees the state on which its efforts act.
+//! time (a state predictor: Manitius and Olbrot, Finite spectrum assignment problem for systems with delays, IEEE Trans.
+//! Automatic Control 24 (1979) 541). The law then sees the state on which its efforts act.
 //!
 //! With an exact model nothing is left of the delay. With a relative error `ε` of the model's inertia, sampled damping at the
 //! rate `λ` obeys `z^(m+1) - (1 - (1 + ε) λ T) z^m - ε λ T = 0` for a delay of `m` periods `T`. All roots lie within the unit
