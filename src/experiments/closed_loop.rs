@@ -381,6 +381,7 @@ impl VisualServo {
             timeout: controller.measurement_timeout,
             // Every state is answered at once, however old the camera's frames are.
             lockstep: false,
+            compensates_delay: false,
         };
         let controller = Controller::with_tips(model.clone(), tip, more_tips, config)
             .map_err(|e| at(format!("controller: parameter {e}")))?;

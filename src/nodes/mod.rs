@@ -2,9 +2,9 @@
 //!
 //! | node | reads | writes |
 //! | --- | --- | --- |
-//! | [`dynamics`] | `/clock`, `joint_commands`, `wheel_commands`, `thruster_commands`, `joint_trajectory`, `cartesian_path`, `delta_twist_cmds`, `wrench` | `/clock`, `robot_description`, `joint_states`, `/tf`, `/tf_static`, `ground_truth/odom`, `ground_truth/NAME/odom`, `ground_truth/NAME/robot_description`, `ground_truth/NAME/joint_states`, `ground_truth/NAME/momentum`, `imu`, `star_tracker`, `ground_truth/momentum`, `ground_truth/appendages`, `ground_truth/appendage_outlines`, `wheel_states`, `ground_truth/external_impulse` |
+//! | [`dynamics`] | `/clock`, `joint_commands`, `wheel_commands`, `thruster_commands`, `joint_trajectory`, `cartesian_path`, `delta_twist_cmds`, `wrench` | `/clock`, `robot_description`, `joint_states`, `/tf`, `/tf_static`, `ground_truth/odom`, `ground_truth/NAME/odom`, `ground_truth/NAME/robot_description`, `ground_truth/NAME/joint_states`, `ground_truth/NAME/momentum`, `imu`, `star_tracker`, `ground_truth/momentum`, `ground_truth/appendages`, `ground_truth/appendage_outlines`, `wheel_states`, `ground_truth/external_impulse`, `command_delay` |
 //! | [`camera`] | `robot_description`, `joint_states`, `ground_truth/odom`, `ground_truth/NAME/odom`, `goal_pose` | `camera/tip_pose`, `camera/goal_pose`, `camera/second/tip_pose`, `camera/second/goal_pose`, `camera/camera_info`, `camera/features` |
-//! | [`controller`] | `robot_description`, `joint_states`, `imu`, `camera/tip_pose`, `camera/goal_pose`, `camera/second/tip_pose`, `camera/second/goal_pose`, `estimator/angular_velocity` | `joint_commands`, `controller/state` |
+//! | [`controller`] | `robot_description`, `joint_states`, `imu`, `command_delay`, `camera/tip_pose`, `camera/goal_pose`, `camera/second/tip_pose`, `camera/second/goal_pose`, `estimator/angular_velocity` | `joint_commands`, `controller/state` |
 //! | [`attitude`] | `robot_description`, `joint_states`, `imu`, `star_tracker`, `wheel_states`, `attitude_target` | `wheel_commands`, `thruster_commands`, `attitude/state` |
 //! | [`estimator`] | `/tf_static`, `imu`, `camera/camera_info`, `camera/features` | `estimator/angular_velocity`, `estimator/motion`, `estimator/prediction` |
 //! | [`teleop`] | `robot_description`, `joint_states`, `imu`, `joy`, `cmd_vel` | `joint_commands` |

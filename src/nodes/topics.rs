@@ -19,7 +19,7 @@ use crate::{
         nav_msgs::{Odometry, Path},
         rosgraph_msgs::Clock,
         sensor_msgs::{CameraInfo, Imu, JointState, Joy},
-        std_msgs::String as Text,
+        std_msgs::{Float64, String as Text},
         tf2_msgs::TFMessage,
         trajectory_msgs::JointTrajectory,
         visualization_msgs::MarkerArray,
@@ -99,6 +99,8 @@ topics! {
     EXTERNAL_IMPULSE: Topic<ExternalImpulse> = "ground_truth/external_impulse", RELIABLE, ["dynamics"] => ["recorder"];
     /// Joint efforts to hold, joint rates to drive to, or joint positions to hold.
     JOINT_COMMANDS: Topic<JointState> = "joint_commands", RELIABLE, ["controller", "teleop"] => ["dynamics"];
+    /// How long after the state that they answer efforts act \[s\]; where time does not wait for answers.
+    COMMAND_DELAY: Topic<Float64> = "command_delay", RELIABLE, ["dynamics"] => ["controller"];
     /// Motor torques of the wheels to hold, as efforts.
     WHEEL_COMMANDS: Topic<JointState> = "wheel_commands", RELIABLE, ["attitude"] => ["dynamics"];
     /// How long thrusters are on.

@@ -3,15 +3,18 @@
 
 use serde_json::json;
 use std::{
-    fs, thread,
+    fs,
+    process::Command,
+    thread,
     time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
 use crate::{
     lateness::repeat_if_late,
     measuring::worst_below,
-    peer::Peer,
+    peer::{Peer, python},
     probe::Probe,
+    upstream::lost_peers::short_lease,
     waiting::{PATIENCE, eventually},
 };
 
@@ -245,4 +248,41 @@ fn a_peer_that_was_killed_comes_back() {
             heard - started
         );
     }
+}
+
+// The peer is stopped for longer than its lease, which looks like an interrupted network, and continues as it was. Fails
+// without a new participant when it returns (docs/upstream.md), or if one loss led to several.
+#[test]
+fn topics_flow_again_after_a_loss_longer_than_the_lease() {
+    let domain = 111;
+    let mut probe = Probe::start(domain, &[]);
+    let profile = short_lease();
+    let mut command = Command::new(python());
+    command.env("FASTRTPS_DEFAULT_PROFILES_FILE", profile.path());
+    let mut peer = Peer::start_with(command, "peer", domain);
+    peer.subscribe("chatter", TEXT, "reliable");
+    peer.subscribe("heard", TEXT, "reliable");
+    peer.receive("chatter", 1);
+    peer.does(json!({"do": "pause", "seconds": 7}));
+    let continued = now();
+    probe.says("joined the graph again");
+    let joined = now();
+    println!("joined again after {:.2} s", joined - continued);
+    // What was sent meanwhile may arrive before the new participant.
+    let since = joined + 0.5;
+    let chatter = peer.does(json!({"do": "wait", "topic": "chatter", "since": since}));
+    assert!(chatter[0]["time"].is_number(), "chatter comes back");
+    eventually("it receives again", PATIENCE, || {
+        let said = json!({"data": "there?"});
+        peer.does(json!({
+            "do": "publish", "topic": "say", "type": TEXT, "message": said, "matched": 0
+        }));
+        let wait = json!({"do": "wait", "topic": "heard", "since": since, "timeout": 0.05});
+        peer.does(wait)[0]["time"].as_f64()
+    });
+    // Longer than the pause between two checks of the connection.
+    thread::sleep(Duration::from_secs(3));
+    let (said, _) = probe.interrupt();
+    assert_eq!(said.matches("lost /peer").count(), 1, "{said}");
+    assert_eq!(said.matches("joined the graph again").count(), 1, "{said}");
 }

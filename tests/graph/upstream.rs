@@ -8,6 +8,7 @@ mod early_samples;
 mod fragments;
 mod histories;
 mod late_joiners;
+pub mod lost_peers;
 mod wall_clock;
 
 use rustdds::{

@@ -1,76 +1,18 @@
 //! A network that loses a fifth of all packets and delays the others by 50 ms.
 
 use serde_json::{Value, json};
-use std::{
-    io::{BufRead, BufReader},
-    process::{Child, Command, Stdio},
-};
 
 use crate::{
     child::{Running, executable},
-    namespace::Namespace,
     peer::{Peer, python},
     waiting::{PATIENCE, eventually},
+    wire::Wire,
 };
-
-/// Two network namespaces, and the relay that connects them with loss and delay.
-struct Wire {
-    ends: [Namespace; 2],
-    relay: Child,
-}
-
-impl Wire {
-    /// `None` where network interfaces cannot be created; the reason is printed.
-    fn new(loss: f64, delay: f64) -> Option<Self> {
-        let ends = [Namespace::new("near")?, Namespace::new("far")?];
-        let id = std::process::id();
-        let names = [format!("fyn{id}"), format!("fyf{id}")];
-        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/interop/lossy_wire.py");
-        let mut relay = Command::new(python())
-            .arg(script)
-            .args(&names)
-            .args([loss.to_string(), delay.to_string()])
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("python can be started");
-        let mut line = String::new();
-        let said =
-            BufReader::new(relay.stdout.as_mut().expect("stdout is piped")).read_line(&mut line);
-        let wire = Self { ends, relay };
-        if said.is_err() || line.trim() != "ready" {
-            // /dev/net/tun is missing in many containers, even for root.
-            println!("skipped: no TAP interface can be made here");
-            return None;
-        }
-        for (i, (name, end)) in names.iter().zip(&wire.ends).enumerate() {
-            let moved = Command::new("ip")
-                .args(["link", "set", name, "netns", &end.0])
-                .status();
-            assert!(moved.expect("ip is there").success());
-            let address = format!("10.98.0.{}/24", i + 1);
-            for args in [
-                &["addr", "add", &address, "dev", name][..],
-                &["link", "set", name, "up", "multicast", "on"],
-            ] {
-                end.ip(args).expect("the interface takes it");
-            }
-        }
-        Some(wire)
-    }
-}
-
-impl Drop for Wire {
-    fn drop(&mut self) {
-        let _ = self.relay.kill();
-        let _ = self.relay.wait();
-    }
-}
 
 // Fails if a lost datagram is not sent again, or a message arrives twice or out of order.
 #[test]
 fn reliable_topics_survive_loss_and_delay() {
-    let Some(wire) = Wire::new(0.2, 0.05) else {
+    let Some(wire) = Wire::new(["near", "far"], 0.2, 0.05) else {
         return;
     };
     let domain = 17;

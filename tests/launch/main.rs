@@ -42,6 +42,7 @@ mod own_controller;
 mod positioning;
 mod process;
 mod reset;
+mod robots_apart;
 mod silent_gyro;
 mod simulation_control;
 mod survival;

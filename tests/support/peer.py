@@ -5,6 +5,8 @@ import bisect
 import collections
 import importlib
 import json
+import os
+import subprocess
 import sys
 import threading
 import time
@@ -298,6 +300,11 @@ class Peer:
             }
         finally:
             client.destroy()
+
+    def pause(self, seconds):
+        """Stops this process for a while; to its peers the network is interrupted."""
+        command = f"kill -STOP {os.getpid()}; sleep {seconds}; kill -CONT {os.getpid()}"
+        subprocess.run(["sh", "-c", command], check=True)
 
     def withdraw(self, topic):
         """Ends the publisher of a topic."""

@@ -245,29 +245,45 @@ fn steps_of_the_control_loop_take_no_memory() {
         prediction: Prediction::Motion,
         ..ControllerConfig::new(LawKind::TransposeJacobian, gains)
     };
-    let controller = Controller::new(model, tip, config).unwrap();
-    let (timeout, lockstep) = (0.05, false);
-    let config = ControlLoopConfig { timeout, lockstep };
-    let mut control_loop = ControlLoop::new(controller, config);
     let (q, qd, w) = ([0.0; 6], [0.01; 6], Vector3::new(0.001, 0.002, 0.0));
-    let mut acted = 0;
-    let used = measure(|| {
-        for k in 0..500 {
+    for compensates_delay in [false, true] {
+        let (model, tip) = (model.clone(), tip.clone());
+        let controller = Controller::new(model, tip, config.clone()).unwrap();
+        let settings = ControlLoopConfig {
+            timeout: 0.05,
+            lockstep: false,
+            compensates_delay,
+        };
+        let mut control_loop = ControlLoop::new(controller, settings);
+        // The first states and delays are judged, which takes memory.
+        for k in [-2, -1] {
             let stamp = Stamp::from_secs_f64(0.01 * f64::from(k));
             control_loop.add_joint_state(stamp, &q, &qd).unwrap();
-            control_loop.add_tip_pose(0, stamp, X_BE).unwrap();
-            if k % 10 == 0 {
-                control_loop.add_goal_pose(0, stamp, X_BE).unwrap();
+            for _ in 0..10 {
+                control_loop.add_command_delay(0.03).unwrap();
             }
-            control_loop.add_gyro(stamp, w).unwrap();
-            control_loop.add_goal_rate(stamp, w).unwrap();
-            let report = control_loop.step().unwrap();
-            acted += usize::from(report.mode == ControlMode::Law);
+            control_loop.step().unwrap();
         }
-    });
-    assert_eq!(used.count_total, 0, "{used:?}");
-    // Of ten states one has a frame and five more are within the timeout.
-    assert_eq!(acted, 300);
+        let mut acted = 0;
+        let used = measure(|| {
+            for k in 0..500 {
+                let stamp = Stamp::from_secs_f64(0.01 * f64::from(k));
+                control_loop.add_joint_state(stamp, &q, &qd).unwrap();
+                control_loop.add_tip_pose(0, stamp, X_BE).unwrap();
+                if k % 10 == 0 {
+                    control_loop.add_goal_pose(0, stamp, X_BE).unwrap();
+                }
+                control_loop.add_gyro(stamp, w).unwrap();
+                control_loop.add_goal_rate(stamp, w).unwrap();
+                control_loop.add_command_delay(0.03).unwrap();
+                let report = control_loop.step().unwrap();
+                acted += usize::from(report.mode == ControlMode::Law);
+            }
+        });
+        assert_eq!(used.count_total, 0, "{used:?}");
+        // Of ten states one has a frame and five more are within the timeout.
+        assert_eq!(acted, 300);
+    }
 }
 
 #[test]

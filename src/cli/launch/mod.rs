@@ -91,11 +91,12 @@ pub fn run(args: &Args, ros_args: Vec<String>) -> Result<(), Failure> {
     }
     // Before the nodes end, and with them their endpoints.
     let overload = Overload::of(&nodes);
+    let robot = summary::robot_of(&nodes);
     let finished = process.finish();
     // The bag is useful even if a node failed.
     let mut missed = None;
     if progress.seen().last.is_some() || finished.is_ok() && started.is_ok() {
-        let (text, off) = summary::summary(&plan, &progress, &overload);
+        let (text, off) = summary::summary(&plan, &progress, &overload, robot.as_deref());
         print(&text)?;
         missed = off;
     }

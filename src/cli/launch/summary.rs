@@ -10,11 +10,27 @@ use super::{
 use crate::{
     bag::Bag,
     experiments::{RecordedRun, RecordedRuns, momentum_residuals, title_of},
+    ros::Node,
     spatial::roll_pitch_yaw_intrinsic,
 };
 
-/// The summary text, and why the result is not what was asked for because the computer was too slow.
-pub fn summary(plan: &Plan, progress: &Progress, overload: &Overload) -> (String, Option<String>) {
+/// Namespace of the robot that these nodes are of; `None` if they are in the root namespace or in several.
+pub fn robot_of(nodes: &[Node]) -> Option<String> {
+    let mut namespaces = nodes.iter().map(|node| node.name().namespace());
+    let first = namespaces.next().filter(|first| *first != "/")?;
+    namespaces
+        .all(|other| other == first)
+        .then(|| first.to_owned())
+}
+
+/// The summary text, and why the result is not what was asked for because the computer was too slow. `robot` is the namespace
+/// of the robot, if it has one.
+pub fn summary(
+    plan: &Plan,
+    progress: &Progress,
+    overload: &Overload,
+    robot: Option<&str>,
+) -> (String, Option<String>) {
     let seen = progress.seen();
     let mut out = String::new();
     let mut row = |label: &str, value: String| {
@@ -26,7 +42,13 @@ pub fn summary(plan: &Plan, progress: &Progress, overload: &Overload) -> (String
     } else {
         "stopped"
     };
-    row(&plan.scenario.name(), run.to_owned());
+    row(
+        &plan.scenario.name(),
+        match robot {
+            None => run.to_owned(),
+            Some(robot) => format!("{run}, robot {robot}"),
+        },
+    );
     if let (Some((t0, w0)), Some((t1, w1))) = (seen.start, seen.last) {
         let wall = w1.duration_since(w0).as_secs_f64();
         let factor = if wall > 0.0 { (t1 - t0) / wall } else { 0.0 };

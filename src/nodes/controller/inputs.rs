@@ -12,6 +12,7 @@ use crate::{
         builtin_interfaces,
         geometry_msgs::{PoseStamped, Vector3Stamped},
         sensor_msgs::{Imu, JointState},
+        std_msgs::Float64,
     },
     ros::{Node, NodeError, Status, Subscription, Time},
     spatial::Pose,
@@ -23,6 +24,8 @@ pub(super) struct Inputs {
     tips: Vec<TipTopics>,
     imu: Subscription<Imu>,
     target_rate: Subscription<Vector3Stamped>,
+    /// `None` if delays are not compensated.
+    command_delay: Option<Subscription<Float64>>,
 }
 
 /// Pose of a tip and pose of its goal, in the base frame.
@@ -32,7 +35,11 @@ struct TipTopics {
 }
 
 impl Inputs {
-    pub(super) fn new(node: &Node, two_arms: bool) -> Result<Self, NodeError> {
+    pub(super) fn new(
+        node: &Node,
+        two_arms: bool,
+        compensates_delay: bool,
+    ) -> Result<Self, NodeError> {
         let mut tips = vec![TipTopics {
             tip: topics::TIP_POSE.subscribe(node)?,
             goal: topics::MEASURED_GOAL.subscribe(node)?,
@@ -48,6 +55,10 @@ impl Inputs {
             tips,
             imu: topics::IMU.subscribe(node)?,
             target_rate: topics::TARGET_RATE.subscribe(node)?,
+            command_delay: match compensates_delay {
+                true => Some(topics::COMMAND_DELAY.subscribe(node)?),
+                false => None,
+            },
         })
     }
 
@@ -66,6 +77,12 @@ impl Inputs {
             });
             if let Err(problem) = added {
                 status.warn(format!("{}: {problem}", self.joint_states.topic()));
+            }
+        }
+        if let Some(command_delay) = &self.command_delay {
+            while let Some(received) = command_delay.take() {
+                let added = control_loop.add_command_delay(received.message.data);
+                warn_if_refused(added, command_delay.topic(), status);
             }
         }
         for (k, topics) in self.tips.iter().enumerate() {
@@ -96,6 +113,11 @@ impl Inputs {
                 warn_if_refused(added, self.target_rate.topic(), status);
             }
         }
+    }
+
+    /// Topic of the delays, if they are compensated.
+    pub(super) fn delay_topic(&self) -> &str {
+        self.command_delay.as_ref().map_or("", |s| s.topic())
     }
 
     /// Time since the last joint state, if longer than `limit`, and the topic's name.

@@ -3,6 +3,7 @@
 //! It feeds a [`ControlLoop`] and publishes its output; pairing, ages, timeouts and fallbacks are the loop's. It never
 //! learns where the base is: it subscribes to nothing under `ground_truth/`, nor to `/tf`.
 
+mod delay;
 mod health;
 mod inputs;
 mod messages;
@@ -23,6 +24,7 @@ use crate::{
     msg::{fuyu_msgs::ControllerState, sensor_msgs::JointState},
     ros::{Lifecycle, Node, NodeError, Publisher, Transition},
 };
+use delay::DelayNotices;
 use health::Health;
 use inputs::Inputs;
 use params::Live;
@@ -71,6 +73,7 @@ struct Work {
     commands: Publisher<JointState>,
     state: Publisher<ControllerState>,
     health: Health,
+    delays: DelayNotices,
     /// `None` before the robot is known.
     robot: Option<ControlledRobot>,
 }
@@ -85,7 +88,12 @@ impl Work {
         Ok(Self {
             description: RobotDescription::new(node, params.tip_link.clone())?,
             health: Health::new(node),
-            inputs: Inputs::new(node, !params.second_tip_link.is_empty())?,
+            delays: DelayNotices::new(node),
+            inputs: Inputs::new(
+                node,
+                !params.second_tip_link.is_empty(),
+                params.delay_compensation,
+            )?,
             commands: topics::JOINT_COMMANDS.advertise(node)?,
             state: topics::CONTROLLER_STATE.advertise(node)?,
             robot: None,
@@ -136,6 +144,10 @@ impl Work {
         self.inputs.feed(control_loop, &self.health.control);
         while let Some(report) = control_loop.step() {
             self.health.report(&report, params.measurement_timeout);
+            let problem = self.delays.follow(&report, self.inputs.delay_topic());
+            if let Some(problem) = problem {
+                self.health.control.error(problem);
+            }
             messages.write(control_loop, &report);
             self.commands.publish(&messages.command);
             if report.control.is_ok() {
@@ -172,6 +184,7 @@ fn control_loop(
     let config = ControlLoopConfig {
         timeout: params.measurement_timeout,
         lockstep: params.lockstep,
+        compensates_delay: params.delay_compensation,
     };
     Ok(ControlLoop::new(
         controller.map_err(|e| e.to_string())?,

@@ -12,13 +12,18 @@ use super::{
     world::World,
 };
 use crate::{
-    msg::sensor_msgs::JointState,
+    msg::{sensor_msgs::JointState, std_msgs::Float64},
     nodes::topics,
-    ros::{Gid, Node, NodeError, Received, Subscription, Time},
+    ros::{Gid, Node, NodeError, Publisher, Received, Subscription, Time},
 };
 
 /// How long diagnostics report a refused command while commands of another publisher act.
 const REFUSAL_SHOWN: Duration = Duration::from_secs(5);
+
+/// Delay of an answer, in periods, above which it counts as late: the law may be stable with that of one period.
+const LATE_PERIODS: f64 = 1.5;
+/// Consecutive late answers that are worth a warning.
+const LATE_ANSWERS: u32 = 20;
 
 /// Receives commands, decides which of them act, and tracks which states they answer.
 pub struct CommandHandler {
@@ -33,6 +38,14 @@ pub struct CommandHandler {
     is_awaited: bool,
     /// Age of the last command above which the robot is halted \[s\].
     timeout: f64,
+    /// Publishes how late answers act; `None` where time waits for them.
+    delays: Option<Publisher<Float64>>,
+    /// Time between two states \[s\].
+    period: f64,
+    /// Consecutive answers that acted more than a period after their state.
+    late_in_a_row: u32,
+    /// Whether late answers have been logged.
+    has_logged_delay: bool,
     /// Simulated time at which the last valid command arrived \[s\].
     last_command: Option<f64>,
     refused: u64,
@@ -70,6 +83,13 @@ impl CommandHandler {
             lockstep: params.lockstep,
             is_awaited: params.lockstep && params.lockstep_on.joints,
             timeout: params.command_timeout,
+            delays: match params.answer_timeout == 0.0 && !params.lockstep {
+                true => Some(topics::COMMAND_DELAY.advertise(node)?),
+                false => None,
+            },
+            period: 1.0 / params.state_rate,
+            late_in_a_row: 0,
+            has_logged_delay: false,
             last_command: None,
             refused: 0,
             refused_at: None,
@@ -134,23 +154,57 @@ impl CommandHandler {
         };
         let now = world.time();
         let (stamp, time) = (stamp_of(received), Time::from_secs_f64(now));
-        match command.has_efforts() {
-            true => self.responses.record(stamp, time),
-            false => self.responses.record_rates(stamp, time),
+        let has_efforts = command.has_efforts();
+        if !has_efforts {
+            self.responses.record_rates(stamp, time);
+        } else if let Some(delay) = self.responses.record(stamp, time)
+            && let Some(delays) = &self.delays
+        {
+            delays.publish(&Float64 {
+                data: delay.as_secs_f64(),
+            });
         }
         let cut = world.command(command.setpoints());
+        let delayed = has_efforts.then(|| self.delay_problem()).flatten();
         self.last_command = Some(now);
         self.refusal = None;
         if let Some(limit) = cut {
             self.status.warn(format!(
                 "the last command exceeds {limit} limit and was cut"
             ));
+        } else if let Some(problem) = delayed {
+            self.status.warn(problem);
         } else if self
             .refused_at
             .is_none_or(|at| at.elapsed() > REFUSAL_SHOWN)
         {
             self.status.ok("obeying joint_commands");
         }
+    }
+
+    /// What is wrong if the answers have acted late for a while; logged once.
+    fn delay_problem(&mut self) -> Option<String> {
+        let delay = self.responses.delay().as_secs_f64();
+        self.late_in_a_row = match delay > LATE_PERIODS * self.period {
+            true => self.late_in_a_row.saturating_add(1),
+            false => 0,
+        };
+        if self.late_in_a_row < LATE_ANSWERS {
+            return None;
+        }
+        let problem = format!(
+            "{}: efforts act {:.0} ms, {:.1} periods, after the state that they answer; a control loop that is stable \
+             without this delay may diverge. A larger answer_timeout makes time wait for answers, lockstep for all; without \
+             waiting, delay_compensation of the controller helps",
+            self.commands.topic(),
+            1e3 * delay,
+            delay / self.period
+        );
+        if !self.has_logged_delay {
+            self.has_logged_delay = true;
+            tracing::warn!("{problem}");
+        }
+        Some(problem)
     }
 
     /// What is known about a command that does not arrive.

@@ -1,6 +1,6 @@
 //! Response tracking: which published states have been answered by a command.
 
-use std::collections::VecDeque;
+use std::{collections::VecDeque, time::Duration};
 
 use crate::ros::Time;
 
@@ -8,6 +8,8 @@ use crate::ros::Time;
 const REMEMBERED: usize = 64;
 /// Number of consecutive answered states after which unanswered ones are forgotten.
 const FORGIVEN_AFTER: u32 = 100;
+/// The same if the answers were late: a commander that skips states does not answer so many consecutive ones.
+const CONSECUTIVE: u32 = 10;
 
 /// Counts the states that are answered: a command answers the state whose stamp it carries.
 ///
@@ -21,12 +23,18 @@ pub struct ResponseTracker {
     states: VecDeque<Time>,
     /// Stamp of the newest state that has a response.
     newest: Option<Time>,
+    /// How long after its state the last response acted.
+    delay: Duration,
     /// Whether a command has answered the present state since it was published last.
     is_answered: bool,
     /// Responses since the last wait in vain.
     responses: u32,
     /// Responses that are needed before the next wait.
     needed: u32,
+    /// Whether it is only assumed, from a command that carries the stamp of the start, that states are answered.
+    is_guess: bool,
+    /// Responses to consecutive states, also late ones.
+    consecutive: u32,
     /// Consecutive states with a response.
     in_a_row: u32,
     /// States that were followed by the next one while their response was due.
@@ -40,9 +48,12 @@ impl Default for ResponseTracker {
         Self {
             states: VecDeque::with_capacity(REMEMBERED),
             newest: None,
+            delay: Duration::ZERO,
             is_answered: false,
             responses: 0,
             needed: 1,
+            is_guess: false,
+            consecutive: 0,
             in_a_row: 0,
             unanswered: 0,
             previous_run: Vec::new(),
@@ -55,8 +66,10 @@ impl ResponseTracker {
     pub fn expect(&mut self, state: Time) {
         if self.is_due() {
             self.responses = 0;
-            self.needed = self.needed.saturating_mul(2);
-            self.unanswered += 1;
+            if !std::mem::take(&mut self.is_guess) {
+                self.needed = self.needed.saturating_mul(2);
+                self.unanswered += 1;
+            }
         }
         self.in_a_row = match self.newest_has_response() {
             true => self.in_a_row + 1,
@@ -94,13 +107,34 @@ impl ResponseTracker {
         command > now && self.previous_run.contains(&command)
     }
 
-    /// A command with this stamp acts from `now` on.
-    pub fn record(&mut self, command: Time, now: Time) {
-        if self.states.contains(&command) && self.newest.is_none_or(|newest| command > newest) {
+    /// A command with this stamp acts from `now` on. Returns how long after its state that is, if it is the first response to
+    /// a state that was published while time advanced.
+    pub fn record(&mut self, command: Time, now: Time) -> Option<Duration> {
+        let mut delay = None;
+        if self.states.is_empty() && command == now {
+            // On a slow network many states would pass before the first answer to one of them arrives.
+            self.responses = self.needed;
+            self.is_guess = true;
+        } else if self.states.contains(&command)
+            && self.newest.is_none_or(|newest| command > newest)
+        {
+            self.is_guess = false;
+            let follows = |pair: (&Time, &Time)| Some(*pair.0) == self.newest && *pair.1 == command;
+            let mut pairs = self.states.iter().zip(self.states.iter().skip(1));
+            self.consecutive = match pairs.any(follows) {
+                true => self.consecutive + 1,
+                false => 0,
+            };
+            if self.consecutive == CONSECUTIVE {
+                (self.consecutive, self.needed) = (0, 1);
+            }
             self.newest = Some(command);
+            self.delay = now.since(command);
+            delay = Some(self.delay);
             self.responses = self.responses.saturating_add(1);
         }
         self.is_answered = command == now;
+        delay
     }
 
     /// A command of rates with this stamp acts from `now` on. No response is due after it: the servo in the drives, not the
@@ -108,6 +142,11 @@ impl ResponseTracker {
     pub fn record_rates(&mut self, command: Time, now: Time) {
         self.responses = 0;
         self.is_answered = command == now;
+    }
+
+    /// How long after its state the last response acted, in simulated time.
+    pub fn delay(&self) -> Duration {
+        self.delay
     }
 
     /// Number of states whose response was due but did not arrive before the next state.
@@ -237,6 +276,63 @@ mod tests {
         record(&mut tracker, 0);
         tracker.expect(state(1));
         assert!(tracker.is_due());
+    }
+
+    // Would break if the first states were simulated before the first answer over a slow network can arrive, or if a commander
+    // that does not answer states (its stamps are zero, as that of the start) were waited for again.
+    #[test]
+    fn the_state_after_the_start_is_waited_for() {
+        let mut tracker = ResponseTracker::default();
+        record(&mut tracker, 0);
+        tracker.expect(state(1));
+        assert!(tracker.is_due());
+        record(&mut tracker, 1);
+        tracker.expect(state(2));
+        assert!(tracker.is_due());
+
+        let mut tracker = ResponseTracker::default();
+        record(&mut tracker, 0);
+        for i in 1..100 {
+            tracker.expect(state(i));
+            assert_eq!(tracker.is_due(), i == 1);
+            tracker.record(state(0), state(i));
+        }
+        assert_eq!(tracker.unanswered(), 0);
+    }
+
+    // Would break if a commander on a network that loses some answers, and delays the others, were waited for no longer.
+    #[test]
+    fn late_answers_to_consecutive_states_are_waited_for_again() {
+        let mut tracker = ResponseTracker::default();
+        for i in 0..4 {
+            tracker.expect(state(i));
+            record(&mut tracker, i);
+        }
+        for i in 4..10 {
+            tracker.expect(state(i));
+        }
+        assert!(tracker.unanswered() > 0 && tracker.needed > 1);
+        for i in 10..21 {
+            tracker.expect(state(i));
+            tracker.record(state(i - 5), state(i));
+        }
+        assert_eq!(tracker.needed, 1);
+        assert!(tracker.is_due());
+    }
+
+    #[test]
+    fn the_delay_is_that_of_the_last_response() {
+        let mut tracker = ResponseTracker::default();
+        assert_eq!(tracker.delay(), Duration::ZERO);
+        for i in 0..5 {
+            tracker.expect(state(i));
+        }
+        let delay = tracker.record(state(1), state(4));
+        assert_eq!(delay, Some(Duration::from_millis(30)));
+        assert_eq!(tracker.record(state(1), state(4)), None);
+        assert_eq!(tracker.delay(), Duration::from_millis(30));
+        record(&mut tracker, 4);
+        assert_eq!(tracker.delay(), Duration::ZERO);
     }
 
     #[test]

@@ -431,7 +431,13 @@ impl<'a> Simulation<'a> {
             if !self.is_advancing() {
                 break;
             }
-            self.take_commands(self.clock.time_of(Instant::now()));
+            // While time is held, an answer acts from the state that it answers, as in lockstep: if the held period were
+            // stepped with the efforts before, every answer would act a whole period late.
+            let is_held = Instant::now() >= due && self.commands.response_is_due();
+            self.take_commands(match is_held {
+                true => f64::NEG_INFINITY,
+                false => self.clock.time_of(Instant::now()),
+            });
             let now = Instant::now();
             let response_is_due = self.commands.response_is_due();
             let robot_is_due = self.shared_time.is_due();

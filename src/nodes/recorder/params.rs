@@ -95,14 +95,14 @@ fn declare_selection(declare: &mut Declare) -> Selection {
     let topics = names(
         declare,
         "topics",
-        "Topics to record; without topics and regex, all",
+        "Topics to record; without topics and regex, all, or those of its robot if the recorder is in a namespace",
     );
     let exclude_topics = names(declare, "exclude_topics", "Topics not to record");
     let all = declare
         .param(
             "all",
             false,
-            "Record all topics, in addition to those named",
+            "Record all topics, of other robots as well, in addition to those named",
         )
         .read_only()
         .value();
@@ -122,6 +122,7 @@ fn declare_selection(declare: &mut Declare) -> Selection {
         regex,
         exclude_topics,
         exclude_regex,
+        own_robot: None,
     }
 }
 

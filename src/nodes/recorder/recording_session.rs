@@ -22,6 +22,8 @@ pub struct RecordingSession {
     options: WriterOptions,
     queue: usize,
     times: Times,
+    /// Full name of `/clock` after remapping, if it has one.
+    clock_topic: Option<String>,
     paused: AtomicBool,
     /// Number of recordings started so far.
     begun: AtomicU64,
@@ -36,6 +38,7 @@ impl RecordingSession {
             options,
             queue,
             times: Times::new(node.clock().clone()),
+            clock_topic: node.resolve_topic(topics::CLOCK.name).ok(),
             paused: AtomicBool::new(paused),
             begun: AtomicU64::new(0),
             current: RwLock::new(None),
@@ -122,7 +125,7 @@ impl RecordingSession {
     pub fn sink(self: &Arc<Self>, topic: bag::Topic) -> Sink {
         Sink {
             session: Arc::clone(self),
-            is_clock: topic.name == topics::CLOCK.name,
+            is_clock: self.clock_topic.as_ref() == Some(&topic.name),
             topic,
             entry: Mutex::default(),
         }
@@ -158,7 +161,8 @@ impl Sink {
         if self.is_clock
             && let Ok(clock) = cdr::decode::<rosgraph_msgs::Clock>(&sample.cdr)
         {
-            self.session.times.advance(clock.clock.into());
+            let times = &self.session.times;
+            times.advance(clock.clock.into(), sample.publisher);
         }
         self.session.times.write(&handle, topic, sample);
     }

@@ -2,12 +2,16 @@
 
 use regex::Regex;
 
-use crate::ros::{Node, NodeError};
+use crate::{
+    nodes::topics,
+    ros::{Node, NodeError},
+};
 
 /// Infrastructure topics that are recorded only if named.
 const LEFT_OUT: [&str; 2] = ["/parameter_events", "/rosout"];
 
-/// Selection of topics. Exclusion has priority; without any names, all topics are selected.
+/// Selection of topics. Exclusion has priority; without any names, all topics are selected, or those of the recorder's
+/// robot if it is in a namespace.
 #[derive(Debug, Clone, Default)]
 pub struct Selection {
     /// All topics, in addition to those named.
@@ -20,6 +24,37 @@ pub struct Selection {
     pub exclude_topics: Vec<String>,
     /// Excluded topics whose full name this matches (in part).
     pub exclude_regex: Option<Regex>,
+    /// What a recorder in a namespace records if nothing is named; `None`: all topics.
+    pub own_robot: Option<OwnRobot>,
+}
+
+/// The topics of the recorder's robot.
+#[derive(Debug, Clone, Default)]
+pub struct OwnRobot {
+    /// Its namespace, with a slash at the end.
+    prefix: String,
+    /// Full names of fuyu's topics after remapping; some are outside of the namespace, such as `/clock`.
+    known: Vec<String>,
+}
+
+impl OwnRobot {
+    /// The robot of a node; `None` for a node in the root namespace, whose robot is not separate from others.
+    fn of(node: &Node) -> Result<Option<Self>, NodeError> {
+        let namespace = node.name().namespace();
+        if namespace == "/" {
+            return Ok(None);
+        }
+        let known = topics::all().into_iter();
+        let known = known.map(|topic| node.resolve_topic(topic.name));
+        Ok(Some(Self {
+            prefix: format!("{namespace}/"),
+            known: known.collect::<Result<_, _>>()?,
+        }))
+    }
+
+    fn has(&self, topic: &str) -> bool {
+        topic.starts_with(&self.prefix) || self.known.iter().any(|name| name == topic)
+    }
 }
 
 impl Selection {
@@ -34,6 +69,7 @@ impl Selection {
         Ok(Self {
             topics: resolve(self.topics)?,
             exclude_topics: resolve(self.exclude_topics)?,
+            own_robot: OwnRobot::of(node)?,
             ..self
         })
     }
@@ -46,9 +82,10 @@ impl Selection {
             return false;
         }
         let nothing_named = self.topics.is_empty() && self.regex.is_none();
+        let is_own = self.own_robot.as_ref().is_none_or(|own| own.has(topic));
         is(&self.topics)
             || matches(&self.regex)
-            || ((self.all || nothing_named) && !LEFT_OUT.contains(&topic))
+            || ((self.all || nothing_named && is_own) && !LEFT_OUT.contains(&topic))
     }
 }
 
@@ -72,6 +109,31 @@ mod tests {
         };
         assert!(named.takes("/rosout") && named.takes("/tf"));
         assert!(!named.takes("/parameter_events"));
+    }
+
+    // Fails if the bag of one robot contains another one, or not the topics that robots share.
+    #[test]
+    fn a_robot_in_a_namespace_is_recorded_alone() {
+        let own = OwnRobot {
+            prefix: "/a/".into(),
+            known: vec!["/a/joint_states".into(), "/clock".into(), "/tf".into()],
+        };
+        let selection = Selection {
+            own_robot: Some(own.clone()),
+            ..Selection::default()
+        };
+        for taken in ["/a/joint_states", "/a/my_topic", "/clock", "/tf"] {
+            assert!(selection.takes(taken), "{taken}");
+        }
+        for left in ["/b/joint_states", "/ab/joint_states", "/joint_states"] {
+            assert!(!selection.takes(left), "{left}");
+        }
+        let all = Selection {
+            all: true,
+            own_robot: Some(own),
+            ..Selection::default()
+        };
+        assert!(all.takes("/b/joint_states"));
     }
 
     #[test]

@@ -3,14 +3,14 @@
 use std::{
     sync::{
         Arc, Mutex, PoisonError,
-        atomic::{AtomicI64, AtomicU64, Ordering::Relaxed},
+        atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering::Relaxed},
     },
     time::{Duration, Instant},
 };
 
 use crate::{
     bag::{RecorderHandle, RecorderTopic},
-    ros::{Clock, RawSample, Time},
+    ros::{Clock, Gid, RawSample, Time},
 };
 
 /// Stamps messages with wall time or, with use_sim_time, with the time of `/clock`, like `ros2 bag record
@@ -23,6 +23,12 @@ pub struct Times {
     early: Mutex<Option<Vec<Early>>>,
     /// Stamp of the last message \[ns\].
     last: AtomicU64,
+    /// [`Clock::changes_of_publisher`] at the last message, or at the last `/clock` if that is recorded.
+    changes_of_publisher: AtomicU64,
+    /// Publisher of the last `/clock` among the recorded samples.
+    publisher: Mutex<Option<Gid>>,
+    /// Whether the time may jump back to that of another publisher, which is no restart.
+    may_jump: AtomicBool,
     /// Wall time at the start, and the monotonic time.
     start: (Time, Instant),
 }
@@ -48,6 +54,9 @@ impl Times {
             now: AtomicI64::new(NO_CLOCK),
             early: Mutex::new(Some(Vec::new())),
             last: AtomicU64::new(0),
+            changes_of_publisher: AtomicU64::new(0),
+            publisher: Mutex::default(),
+            may_jump: AtomicBool::new(false),
             start: (Time::wall(), Instant::now()),
         }
     }
@@ -69,8 +78,20 @@ impl Times {
     }
 
     /// Samples that are recorded from now on have arrived at the simulated time `now`, or later. They are recorded a moment
-    /// after their arrival, when the node's clock has advanced already.
-    pub fn advance(&self, now: Time) {
+    /// after their arrival, when the node's clock has advanced already. The time of a publisher that the node's clock does not
+    /// follow does not count.
+    pub fn advance(&self, now: Time, publisher: Gid) {
+        if !self.clock.follows(publisher) {
+            return;
+        }
+        let mut last = self
+            .publisher
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        if last.replace(publisher).is_some_and(|p| p != publisher) && self.publisher_has_changed() {
+            self.may_jump.store(true, Relaxed);
+        }
+        drop(last);
         self.now.store(now.as_nanos(), Relaxed);
         self.begin(now);
     }
@@ -93,6 +114,12 @@ impl Times {
         }
     }
 
+    /// Whether the clock follows another publisher than at the last call, while the one before still publishes.
+    fn publisher_has_changed(&self) -> bool {
+        let changes = self.clock.changes_of_publisher();
+        changes != self.changes_of_publisher.swap(changes, Relaxed)
+    }
+
     fn write_now(&self, handle: &RecorderHandle, topic: &RecorderTopic, sample: RawSample) {
         let simulated = self.clock.is_simulated();
         let received = if simulated {
@@ -111,7 +138,12 @@ impl Times {
         };
         let (received, sent) = (nanos(received), nanos(sent));
         let last = self.last.swap(received, Relaxed);
-        if simulated && received < last {
+        let is_jump = simulated && received < last;
+        let is_restart = match self.now.load(Relaxed) {
+            NO_CLOCK => !self.publisher_has_changed(),
+            _ => is_jump && !self.may_jump.swap(false, Relaxed),
+        };
+        if is_jump && is_restart {
             // Sorted by time, one file would mix the two runs.
             tracing::info!(
                 "/clock jumped back from {} s to {} s: the bag continues in a new file",

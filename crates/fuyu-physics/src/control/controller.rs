@@ -11,7 +11,7 @@ use super::prediction::Prediction;
 use super::singularity_escape::{ConvergenceMonitor, Progress};
 use super::{
     ConfigError, ControlError, ControlReport, ControllerConfig, FeedForward, Law, LawConfig,
-    LawInput, LawStatus, Manipulator, Measurement, PoseError, workspace_radius,
+    LawInput, LawStatus, Manipulator, Measurement, PoseError, SampledDamping, workspace_radius,
 };
 use crate::model::{Frame, Model};
 
@@ -240,6 +240,25 @@ impl Controller {
         self.config.gains.k_v.iter().map(|k| k * fraction).collect()
     }
 
+    /// Rate at which the law damps the joints, or the tip, in the posture `q` in the direction in which it does so fastest
+    /// \[1/s\]; `None` for a robot without joints.
+    ///
+    /// # Panics
+    /// If `q` does not have one element per joint.
+    pub fn damping_rate(&mut self, q: &DVector<f64>) -> Option<f64> {
+        match &self.config.law {
+            LawConfig::OperationalSpace(law) => Some(law.damping()),
+            // Critically damped: 2 ω.
+            LawConfig::ComputedTorque(law) => Some(2.0 * law.frequency),
+            _ => {
+                let gains = self.joint_damping();
+                let workspace = &mut self.manipulator.workspace;
+                workspace.set_positions(q);
+                SampledDamping::at(workspace, &gains).map(|damping| damping.rate)
+            }
+        }
+    }
+
     /// Number of tips, at least 1.
     pub fn tip_count(&self) -> usize {
         self.manipulator.tips().count()
@@ -270,6 +289,11 @@ impl Controller {
         self.convergence.reset();
         self.config = config;
         Ok(())
+    }
+
+    /// Changes how tip and goal are predicted, at once.
+    pub(super) fn set_prediction(&mut self, prediction: Prediction) {
+        self.config.prediction = prediction;
     }
 
     /// Replaces the law by a user-defined one, without a step in the efforts as in [`set_config`](Self::set_config).

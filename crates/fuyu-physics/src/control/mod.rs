@@ -20,6 +20,7 @@ mod config;
 mod control_loop;
 mod controller;
 mod damped_descent;
+mod delay_compensation;
 pub mod detumbling;
 mod effort_limits;
 mod feed_forward;
@@ -62,6 +63,7 @@ pub use control_loop::{
     StampPairs,
 };
 pub use controller::Controller;
+pub use delay_compensation::{DelayError, DelayStatus};
 pub use effort_limits::{outstretched_inertia, with_default_effort_limits};
 pub use feed_forward::{FeedForward, MovingGoal};
 pub use floating_inverse_kinematics::FloatingInverseKinematics;

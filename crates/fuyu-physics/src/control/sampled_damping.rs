@@ -28,6 +28,13 @@ impl SampledDamping {
     /// Periods \[1/λ\] from which the loop is unstable if efforts act a period late.
     pub const UNSTABLE_IF_LATE: f64 = 1.0;
 
+    /// Periods \[1/λ\] from which the loop is unstable if efforts act `periods` whole periods late: `2 sin(π / (4 m + 2))`,
+    /// where a root of `z^(m+1) - z^m + λ T = 0` leaves the unit circle (Levin and May, A note on difference-delay equations,
+    /// Theoretical Population Biology 9 (1976) 178).
+    pub fn limit_if_late(periods: u32) -> f64 {
+        2.0 * (std::f64::consts::PI / (4.0 * f64::from(periods) + 2.0)).sin()
+    }
+
     /// The damping with the gains `k_v` \[N m s/rad or N s/m\] in the posture of `workspace`. `None` for a robot without
     /// joints, or with a reduced inertia that is not positive.
     ///
@@ -132,6 +139,30 @@ mod tests {
             let period = limit / damping.rate;
             assert!(growth(&mut workspace, &K_V, 0.95 * period, late) < 1.0);
             assert!(growth(&mut workspace, &K_V, 1.05 * period, late) > 10.0);
+        }
+    }
+
+    // Would break if the limit of long delays were wrong: the recursion itself decays just below it and grows just above it.
+    #[test]
+    fn rates_that_are_damped_many_periods_late_grow_beyond_the_limit_only() {
+        assert!((SampledDamping::limit_if_late(0) - SampledDamping::UNSTABLE).abs() < 1e-15);
+        let one = SampledDamping::limit_if_late(1);
+        assert!((one - SampledDamping::UNSTABLE_IF_LATE).abs() < 1e-15);
+        for periods in [0, 1, 2, 3, 5, 10] {
+            let last = |part: f64| {
+                let damping = part * SampledDamping::limit_if_late(periods);
+                let mut rates = vec![1.0; periods as usize + 1];
+                for i in 0..20_000 {
+                    rates.push(rates[rates.len() - 1] - damping * rates[i]);
+                }
+                let end = rates.len() - 100;
+                (rates[end..].iter()).fold(0.0, |most: f64, rate| match rate.is_finite() {
+                    true => most.max(rate.abs()),
+                    false => f64::INFINITY,
+                })
+            };
+            assert!(last(0.98) < 1e-3, "{periods} periods: {}", last(0.98));
+            assert!(last(1.02) > 10.0, "{periods} periods: {}", last(1.02));
         }
     }
 

@@ -2,19 +2,13 @@
 
 use std::{
     sync::{
-        Arc,
-        atomic::{AtomicBool, AtomicI64, Ordering},
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering},
     },
     time::{Duration, Instant},
 };
 
-use super::{
-    Time,
-    endpoint::{Counters, Inbox, Origin},
-    events::Events,
-    local_delivery::LocalSample,
-};
-use crate::msg::{cdr, rosgraph_msgs};
+use super::{Gid, Time, events::Events};
 
 /// The time of a node. Clones show the same time.
 #[derive(Debug, Clone)]
@@ -29,6 +23,10 @@ struct Inner {
     driven: AtomicBool,
     /// The last `/clock` [ns]; zero before the first.
     now: AtomicI64,
+    /// How often the time was taken from another publisher of `/clock` while the one before still published.
+    changes_of_publisher: AtomicU64,
+    /// The publisher of `/clock` whose time this is.
+    followed: Mutex<Option<Gid>>,
     events: Arc<Events>,
 }
 
@@ -39,6 +37,8 @@ impl Clock {
                 simulated: AtomicBool::new(false),
                 driven: AtomicBool::new(false),
                 now: AtomicI64::new(0),
+                changes_of_publisher: AtomicU64::new(0),
+                followed: Mutex::default(),
                 events,
             }),
         }
@@ -75,6 +75,37 @@ impl Clock {
         // No event: the only program that could wait for one is the one that calls this.
     }
 
+    /// How often the time was taken from another publisher of `/clock` while the one before still published. A jump of
+    /// the time that comes with such a change is not a restart of the simulation.
+    pub fn changes_of_publisher(&self) -> u64 {
+        self.inner.changes_of_publisher.load(Ordering::Acquire)
+    }
+
+    pub(super) fn publisher_changes(&self) {
+        let count = &self.inner.changes_of_publisher;
+        count.fetch_add(1, Ordering::AcqRel);
+    }
+
+    /// Whether the time is that of this publisher of `/clock`; there may be others by mistake. True for all before the first
+    /// message.
+    pub fn follows(&self, publisher: Gid) -> bool {
+        self.followed().is_none_or(|followed| followed == publisher)
+    }
+
+    fn followed(&self) -> MutexGuard<'_, Option<Gid>> {
+        let followed = self.inner.followed.lock();
+        followed.unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn set_publisher(&self, publisher: Gid) {
+        *self.followed() = Some(publisher);
+    }
+
+    /// Whether the program sets the time.
+    pub(super) fn is_driven(&self) -> bool {
+        self.inner.driven.load(Ordering::Acquire)
+    }
+
     /// Sets the time from a `/clock` message.
     pub(super) fn set(&self, now: Time) {
         if self.inner.driven.load(Ordering::Acquire) {
@@ -92,22 +123,6 @@ impl Clock {
             return None;
         }
         Instant::now().checked_add(time.since(Time::wall()))
-    }
-}
-
-impl Inbox for Clock {
-    /// Sets the time in the thread that publishes or receives: no other thread has to be woken for it.
-    fn accept(&self, sample: LocalSample, _: Origin, _: &Counters) -> bool {
-        let LocalSample { raw, message } = sample;
-        let now = match message.and_then(|m| m.downcast::<rosgraph_msgs::Clock>().ok()) {
-            Some(message) => Time::from(&message.clock),
-            None => match cdr::decode::<rosgraph_msgs::Clock>(&raw.cdr) {
-                Ok(message) => Time::from(&message.clock),
-                Err(_) => return false,
-            },
-        };
-        self.set(now);
-        true
     }
 }
 

@@ -3,6 +3,8 @@
 use rustdds::{DomainParticipant, DomainParticipantBuilder};
 use std::net::Ipv4Addr;
 
+use super::static_peers;
+
 /// How far discovery reaches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DiscoveryRange {
@@ -32,16 +34,22 @@ pub struct DomainError {
     expected: &'static str,
 }
 
+impl DomainError {
+    pub(super) fn new(variable: &'static str, value: &str, expected: &'static str) -> Self {
+        Self {
+            variable,
+            value: value.to_owned(),
+            expected,
+        }
+    }
+}
+
 impl Domain {
     /// Largest id whose ports fit below 65536.
     pub const MAX_ID: u16 = 232;
 
-    /// Reads `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, `ROS_LOCALHOST_ONLY` and
-    /// `ROS_STATIC_PEERS`; `range` holds where none of them says how far to range.
-    ///
-    /// As in ROS, `ROS_LOCALHOST_ONLY=1` wins over the range. `ROS_STATIC_PEERS` is read so that a
-    /// wrong value is refused, but only multicast discovery is there: peers that it names beyond the
-    /// range are not contacted, and a warning says so.
+    /// Reads `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE` and `ROS_LOCALHOST_ONLY`; `range` holds where none of
+    /// them states a range. As in ROS, `ROS_LOCALHOST_ONLY=1` has priority over the range.
     ///
     /// # Errors
     /// [`DomainError`] names the variable, its value and what would be right.
@@ -55,11 +63,7 @@ impl Domain {
     ) -> Result<Self, DomainError> {
         let read = |variable: &'static str, expected: &'static str| {
             let value = get(variable).unwrap_or_default().trim().to_owned();
-            let error = DomainError {
-                variable,
-                value: value.clone(),
-                expected,
-            };
+            let error = DomainError::new(variable, &value, expected);
             (value, error)
         };
 
@@ -91,34 +95,37 @@ impl Domain {
             _ => return Err(error),
         };
 
-        let (value, error) = read(
-            "ROS_STATIC_PEERS",
-            "expected addresses or host names separated by semicolons",
-        );
-        let peers: Vec<_> = value.split(';').map(str::trim).collect();
-        let allowed = |c: char| c.is_ascii_alphanumeric() || ".-_:%[]".contains(c);
-        if peers.iter().any(|p| !p.chars().all(allowed)) {
-            return Err(error);
-        }
-        if !value.is_empty() {
-            tracing::warn!(
-                "ROS_STATIC_PEERS={value}: not contacted, only multicast discovery is available"
-            );
-        }
         Ok(Self { id, range })
     }
 
-    /// A participant of this domain. Its threads inherit the signal mask of the caller.
-    pub(super) fn participant(self) -> Result<DomainParticipant, String> {
+    /// A participant of this domain that also announces itself to `peers`. Its threads inherit the signal mask of the
+    /// caller. As in ROS, peers are contacted unless the range is [`DiscoveryRange::Off`].
+    pub(super) fn participant(self, peers: &[Ipv4Addr]) -> Result<DomainParticipant, String> {
         let builder = DomainParticipantBuilder::new(self.id);
         let builder = match self.range {
             DiscoveryRange::Subnet => builder,
-            DiscoveryRange::Localhost => builder.with_only_networks([Ipv4Addr::LOCALHOST]),
+            DiscoveryRange::Localhost => {
+                let mut networks = static_peers::local_addresses(peers);
+                networks.push(Ipv4Addr::LOCALHOST);
+                builder.with_only_networks(networks)
+            }
             DiscoveryRange::Off => builder
                 .with_only_networks([] as [Ipv4Addr; 0])
                 .same_host_loopback(false),
         };
-        builder.build().map_err(|e| e.to_string())
+        // Bound until the participant exists: peers must not send it multicast.
+        let _ports = match peers {
+            [] => Vec::new(),
+            _ => static_peers::occupy_multicast_ports(self.id),
+        };
+        let participant = builder.build().map_err(|e| e.to_string())?;
+        let on_subnet = self.range == DiscoveryRange::Subnet;
+        if self.range != DiscoveryRange::Off
+            && let Err(e) = static_peers::introduce(&participant, peers, on_subnet)
+        {
+            tracing::warn!("ROS_STATIC_PEERS: not contacted: {e}");
+        }
+        Ok(participant)
     }
 }
 
@@ -147,7 +154,6 @@ mod tests {
         assert_eq!(domain(&range).unwrap().range, DiscoveryRange::Localhost);
         let off = [("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")];
         assert_eq!(domain(&off).unwrap().range, DiscoveryRange::Off);
-        assert!(domain(&[("ROS_STATIC_PEERS", "10.0.0.1;robot.local")]).is_ok());
     }
 
     #[test]
@@ -158,7 +164,6 @@ mod tests {
             ("ROS_DOMAIN_ID", "zero"),
             ("ROS_LOCALHOST_ONLY", "yes"),
             ("ROS_AUTOMATIC_DISCOVERY_RANGE", "localhost"),
-            ("ROS_STATIC_PEERS", "10.0.0.1, 10.0.0.2"),
         ] {
             let text = domain(&[(name, value)]).unwrap_err().to_string();
             assert!(text.contains(name) && text.contains(value), "{text}");

@@ -2,7 +2,8 @@
 
 use rustdds::{
     DomainParticipant, DomainParticipantStatusListener, GUID, QosPolicies, RTPSEntity,
-    StatusEvented, dds::statusevents::DomainParticipantStatusEvent as Event,
+    StatusEvented,
+    dds::statusevents::{DomainParticipantStatusEvent as Event, LostReason},
 };
 use std::{
     collections::{BTreeSet, HashMap},
@@ -16,7 +17,9 @@ use super::{
     endpoint::{Counters, EndpointSpec, Endpoints, Writer},
     first_samples::FirstSamples,
     graph_cache::GraphCache,
+    lost_peers::LostPeers,
     rtps_sender::RtpsSender,
+    static_peers,
     type_hash_check::{self, TypeHashCheck},
 };
 
@@ -152,7 +155,7 @@ pub(super) fn report_status(
     listener: &DomainParticipantStatusListener,
     endpoints: &Mutex<Endpoints>,
     peers: &mut Peers,
-    (graph, settling): (&GraphCache, &DiscoverySettling),
+    (graph, settling, lost_peers): (&GraphCache, &DiscoverySettling, &LostPeers),
 ) {
     let mut count = 0;
     while let Some(event) = listener.try_recv_status() {
@@ -165,7 +168,10 @@ pub(super) fn report_status(
             }
         }
         match event {
+            Event::ParticipantDiscovered { dpd }
+                if static_peers::is_placeholder(dpd.guid.prefix.as_ref()) => {}
             Event::ParticipantDiscovered { dpd } => {
+                lost_peers.discovered(&dpd.guid);
                 settling.participant_discovered(&dpd.guid);
                 if peers.started.elapsed() < FIRST_ANSWERS {
                     peers.older.push(dpd.guid);
@@ -187,7 +193,10 @@ pub(super) fn report_status(
             Event::ReaderLost { guid, .. } | Event::WriterLost { guid, .. } => {
                 peers.lost(&all, |g| *g == guid);
             }
-            Event::ParticipantLost { id, .. } => {
+            Event::ParticipantLost { id, reason } => {
+                if let LostReason::Timeout { .. } = reason {
+                    lost_peers.lost(id.as_ref(), &graph.nodes_of(id.as_ref()));
+                }
                 peers.lost(&all, |g| g.prefix == id);
                 peers.older.retain(|p| p.prefix != id);
                 graph.remove_participants(|g| g.prefix == id);

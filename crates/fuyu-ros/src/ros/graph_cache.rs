@@ -141,6 +141,15 @@ impl GraphCache {
         Ok(names.into_iter().filter(is_new).collect())
     }
 
+    /// Full names of the nodes of the participant with this GUID prefix, as it has announced them.
+    pub(super) fn nodes_of(&self, participant: &[u8]) -> Vec<String> {
+        let known = self.lock();
+        let others = known.others.iter();
+        let mut same = others.filter(|(prefix, _)| prefix.as_slice() == participant);
+        same.next()
+            .map_or_else(Vec::new, |(_, other)| other.nodes.clone())
+    }
+
     /// Removes participants that have left or died.
     pub(super) fn remove_participants(&self, is_lost: impl Fn(&GUID) -> bool) {
         let any_endpoint = |prefix: &Prefix| {

@@ -11,6 +11,7 @@ use std::{
 
 use super::{
     Clock, Diagnostics, Domain, NodeError, NodeName, Qos,
+    clock_follower::ClockFollower,
     endpoint::{Destination, EndpointSpec, Handler, Inbox, Member, Reader, Sink, Writer},
     events::{Events, StopState},
     handler_queue::HandlerQueue,
@@ -213,7 +214,14 @@ impl NodeCore {
         if simulated && !*following {
             let topic = self.names.topic("/clock")?;
             let spec = EndpointSpec::topic::<rosgraph_msgs::Clock>(&topic, Qos::CLOCK_SUBSCRIPTION);
-            self.add_queue(spec.shared(), Arc::new(self.clock.clone()))?;
+            let participant = Arc::downgrade(&self.participant);
+            let follower = ClockFollower::new(
+                topic,
+                self.clock.clone(),
+                Arc::clone(&self.name),
+                participant,
+            );
+            self.add_queue(spec.shared(), Arc::new(follower))?;
             *following = true;
         }
         self.clock.simulate(simulated);

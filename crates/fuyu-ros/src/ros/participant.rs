@@ -24,6 +24,7 @@ use super::{
     participant_watchdog::{AbandonedParticipant, EntityError},
     session::Session,
     signals,
+    static_peers::StaticPeers,
 };
 
 /// DDS participants that are tried, one after the other, before a node fails.
@@ -61,6 +62,7 @@ type Watcher = Arc<dyn Fn(&LocalTopicUse) + Send + Sync>;
 /// One participant and its nodes.
 pub(super) struct Participant {
     domain: Domain,
+    static_peers: StaticPeers,
     connection: Mutex<Connection>,
     /// The DDS participant, for questions that must not wait for the connection.
     dds: Mutex<Option<DomainParticipant>>,
@@ -74,9 +76,10 @@ pub(super) struct Participant {
 }
 
 impl Participant {
-    pub(super) fn new(domain: Domain) -> Self {
+    pub(super) fn new(domain: Domain, static_peers: StaticPeers) -> Self {
         Self {
             domain,
+            static_peers,
             connection: Mutex::default(),
             dds: Mutex::default(),
             endpoints: Arc::default(),
@@ -201,6 +204,27 @@ impl Participant {
         Ok(true)
     }
 
+    fn reconnect_and_log(&self, reason: &str) {
+        match self.reconnect() {
+            Ok(false) => {}
+            Ok(true) => tracing::info!(
+                "{}: {reason}, joined the graph again",
+                self.node_names().join(", ")
+            ),
+            Err(e) => tracing::error!("{e}; trying again"),
+        }
+    }
+
+    /// Which peer has returned after the end of its lease, for the log; once per loss.
+    fn take_returned_peer(&self) -> Option<String> {
+        // Somebody who connects or creates an endpoint must not be waited for; the next call will find it.
+        let lost_peers = self.connection.try_lock().ok()?.session()?.lost_peers();
+        lost_peers.take_returned(|| {
+            let peers = self.static_peers.addresses();
+            signals::with_blocked(|| self.domain.participant(&peers))
+        })
+    }
+
     /// Connects if an earlier attempt failed. Returns whether it has connected.
     fn connect_again(&self) -> bool {
         // Somebody else who connects now must not be waited for.
@@ -228,7 +252,8 @@ impl Participant {
             old.keep((Session::detach(&self.endpoints()), session, dds));
         }
         drop(old);
-        let open = || Session::open(self.domain, &self.endpoints, &self.graph, &self.settling);
+        let place = (self.domain, &self.static_peers);
+        let open = || Session::open(place, &self.endpoints, &self.graph, &self.settling);
         let mut new = signals::with_blocked(open);
         for _ in 1..MAX_PARTICIPANTS {
             match new {
@@ -477,9 +502,18 @@ fn warn_of_mismatches(spec: &EndpointSpec, node: &NodeName, mismatches: &[Mismat
 #[derive(Default)]
 pub(super) struct Participants {
     all: Mutex<Vec<Weak<Participant>>>,
+    static_peers: StaticPeers,
 }
 
 impl Participants {
+    /// None yet; all will announce themselves to these peers.
+    pub(super) fn new(static_peers: StaticPeers) -> Self {
+        Self {
+            all: Mutex::default(),
+            static_peers,
+        }
+    }
+
     /// Adds a node to the participant of its domain, or to a new one if that is missing, has been closed, or if nodes are
     /// `isolated`.
     pub(super) fn add_node(
@@ -497,7 +531,7 @@ impl Participants {
                 return Ok(participant);
             }
         }
-        let new = Arc::new(Participant::new(domain));
+        let new = Arc::new(Participant::new(domain, self.static_peers.clone()));
         new.add_node(node)?;
         all.push(Arc::downgrade(&new));
         Ok(new)
@@ -523,13 +557,15 @@ impl Participants {
     /// Reconnects all participants whose nodes are not stopping ([`Participant::reconnect`]), for this reason.
     pub(super) fn reconnect(&self, reason: &str) {
         for participant in self.working() {
-            match participant.reconnect() {
-                Ok(false) => {}
-                Ok(true) => tracing::info!(
-                    "{}: {reason}, joined the graph again",
-                    participant.node_names().join(", ")
-                ),
-                Err(e) => tracing::error!("{e}; trying again"),
+            participant.reconnect_and_log(reason);
+        }
+    }
+
+    /// Reconnects the participants that a lost peer has returned to. To be called from time to time.
+    pub(super) fn reconnect_after_loss(&self) {
+        for participant in self.working() {
+            if let Some(reason) = participant.take_returned_peer() {
+                participant.reconnect_and_log(&reason);
             }
         }
     }

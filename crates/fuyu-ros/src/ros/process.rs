@@ -24,6 +24,7 @@ use super::{
     participant::Participants,
     service::ServiceServer,
     signals::{self, ProcessSignal, StopRequest, StopRequests},
+    static_peers::StaticPeers,
     wall_clock_watch::WallClockWatch,
 };
 use crate::msg::{diagnostic_msgs::DiagnosticArray, rcl_interfaces::Log};
@@ -123,7 +124,8 @@ impl Process {
         logging::init(&args);
         descriptor_limit::raise();
         let domain = Domain::from_env(reach)?;
-        let process = Self::new(args, domain);
+        let mut process = Self::new(args, domain);
+        process.participants = Arc::new(Participants::new(StaticPeers::from_env()?));
         process.follow_signals()?;
         Ok((process, rest))
     }
@@ -283,6 +285,7 @@ impl Process {
             self.checked = Instant::now();
             self.check_wall_clock();
             self.participants.connect_again();
+            self.participants.reconnect_after_loss();
         }
     }
 

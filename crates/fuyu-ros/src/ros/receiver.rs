@@ -24,6 +24,7 @@ use super::{
     endpoint::{Endpoints, Origin, Reader},
     graph_cache::GraphCache,
     invalid_samples::not_of_type,
+    lost_peers::LostPeers,
     participant_watchdog::{self, EntityError},
     qos::{Durability, History},
     raw_endpoints::{CdrPassthrough, RawReader},
@@ -85,6 +86,7 @@ pub(super) struct Receiver {
     pub(super) endpoints: Arc<Mutex<Endpoints>>,
     pub(super) graph: Arc<GraphCache>,
     pub(super) settling: Arc<DiscoverySettling>,
+    pub(super) lost_peers: Arc<LostPeers>,
     pub(super) rtps: Option<Arc<RtpsSender>>,
 }
 
@@ -113,7 +115,7 @@ impl Receiver {
                 outcome => outcome?,
             }
             // First, so that a subscription is known before anything that its participant sends afterwards.
-            let others = (&*self.graph, &*self.settling);
+            let others = (&*self.graph, &*self.settling, &*self.lost_peers);
             report_status(&status, &self.endpoints, &mut peers, others);
             for event in &events {
                 match event.token() {

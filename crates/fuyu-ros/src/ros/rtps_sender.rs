@@ -52,13 +52,19 @@ pub(super) struct RtpsSender {
 }
 
 impl RtpsSender {
-    /// For `participant`, whose discovery has this range: with [`DiscoveryRange::Localhost`] nothing leaves the computer.
+    /// For `participant`, whose discovery has this range: with [`DiscoveryRange::Localhost`] nothing leaves the
+    /// computer, unless it `has_peers` elsewhere.
     ///
     /// # Errors
     /// If there is no socket.
-    pub(super) fn new(participant: DomainParticipant, range: DiscoveryRange) -> io::Result<Self> {
+    pub(super) fn new(
+        participant: DomainParticipant,
+        range: DiscoveryRange,
+        has_peers: bool,
+    ) -> io::Result<Self> {
         let address = match range {
             DiscoveryRange::Subnet => Ipv4Addr::UNSPECIFIED,
+            DiscoveryRange::Localhost if has_peers => Ipv4Addr::UNSPECIFIED,
             DiscoveryRange::Localhost | DiscoveryRange::Off => Ipv4Addr::LOCALHOST,
         };
         let socket = UdpSocket::bind((address, 0))?;

@@ -24,11 +24,13 @@ use super::{
     discovery_settling::DiscoverySettling,
     endpoint::{EndpointSpec, Endpoints, Reader, Writer},
     graph_cache::GraphCache,
+    lost_peers::LostPeers,
     participant_watchdog::{self, EntityError},
     qos::Durability,
     raw_endpoints::{CdrPassthrough, RawReader, RawWriter},
     receiver::{self, Receiver, Request},
     rtps_sender::RtpsSender,
+    static_peers::StaticPeers,
 };
 
 /// How long a new participant waits for the writers that an earlier one knew: those of a peer that is still there are known
@@ -53,6 +55,7 @@ pub(super) struct Session {
     requests: mpsc::Sender<Request>,
     waker: Arc<Waker>,
     rtps: Option<Arc<RtpsSender>>,
+    lost_peers: Arc<LostPeers>,
     stop: Arc<AtomicBool>,
     receiver: Option<JoinHandle<()>>,
 }
@@ -60,12 +63,13 @@ pub(super) struct Session {
 impl Session {
     /// A participant with every endpoint of `endpoints`. Threads inherit the caller's signal mask.
     pub(super) fn open(
-        domain: Domain,
+        (domain, static_peers): (Domain, &StaticPeers),
         endpoints: &Arc<Mutex<Endpoints>>,
         graph: &Arc<GraphCache>,
         settling: &Arc<DiscoverySettling>,
     ) -> Result<Self, EntityError> {
-        let participant = domain.participant().map_err(EntityError::Dds)?;
+        let peers = static_peers.addresses();
+        let participant = domain.participant(&peers).map_err(EntityError::Dds)?;
         graph.reset(participant.guid().into());
         let qos = QosPolicies::from(&Qos::RELIABLE);
         let publisher = participant
@@ -81,9 +85,10 @@ impl Session {
         let waker = Waker::new(poll.registry(), receiver::WAKER).map_err(EntityError::dds)?;
         let (requests, inbox) = mpsc::channel();
         let stop = Arc::new(AtomicBool::new(false));
-        let rtps = RtpsSender::new(participant.clone(), domain.range)
+        let rtps = RtpsSender::new(participant.clone(), domain.range, !peers.is_empty())
             .inspect_err(|e| tracing::warn!("long replies may not arrive: {e}"));
         let rtps = rtps.ok().map(Arc::new);
+        let lost_peers = Arc::new(LostPeers::default());
         let receiver = Receiver {
             poll,
             inbox,
@@ -94,6 +99,7 @@ impl Session {
             endpoints: Arc::clone(endpoints),
             graph: Arc::clone(graph),
             settling: Arc::clone(settling),
+            lost_peers: Arc::clone(&lost_peers),
             rtps: rtps.clone(),
         };
         let all = Arc::clone(endpoints);
@@ -124,6 +130,7 @@ impl Session {
             requests,
             waker: Arc::new(waker),
             rtps,
+            lost_peers,
             stop,
             receiver: Some(receiver),
         };
@@ -172,6 +179,11 @@ impl Session {
     /// The DDS participant.
     pub(super) fn participant(&self) -> &DomainParticipant {
         &self.participant
+    }
+
+    /// The peers that this participant has lost.
+    pub(super) fn lost_peers(&self) -> Arc<LostPeers> {
+        Arc::clone(&self.lost_peers)
     }
 
     pub(super) fn add_writer(&mut self, writer: &Writer) -> Result<(), EntityError> {

@@ -39,6 +39,8 @@ pub struct ControllerParams {
     pub measurement_timeout: f64,
     /// Whether every joint state waits for the camera frame of the same time.
     pub lockstep: bool,
+    /// Whether the delay of the efforts is measured and compensated.
+    pub delay_compensation: bool,
     /// Whether the node configures and activates itself.
     pub autostart: bool,
 }
@@ -196,6 +198,14 @@ impl ControllerParams {
             )
             .read_only()
             .value();
+        let delay_compensation = declare
+            .param(
+                "delay_compensation",
+                false,
+                "Measure how late efforts act and predict the joint state by that delay, where time does not wait for answers (answer_timeout of dynamics is 0); efforts are zero until it is measured, and beyond the stability limit",
+            )
+            .read_only()
+            .value();
         let config = live.get();
         (
             Self {
@@ -205,6 +215,7 @@ impl ControllerParams {
                 sample_period,
                 measurement_timeout,
                 lockstep,
+                delay_compensation,
                 autostart: Lifecycle::declare_autostart(declare),
             },
             live,

@@ -16,7 +16,11 @@ use joint_states::{JointSample, JointStates};
 use nalgebra::{DVector, Vector3};
 use newest::{Horizon, Newest};
 
-use super::{ConfigError, Controller, ControllerConfig, GoalRate, Measurement, TipMeasurement};
+use super::delay_compensation::DelayCompensation;
+use super::prediction::Prediction;
+use super::{
+    ConfigError, Controller, ControllerConfig, DelayStatus, GoalRate, Measurement, TipMeasurement,
+};
 use crate::spatial::Pose;
 
 /// Settings of a [`ControlLoop`].
@@ -27,6 +31,12 @@ pub struct ControlLoopConfig {
     /// Whether every joint state waits for the measurements of its own stamp. The goal's angular velocity is not used
     /// then: an estimator publishes when it has finished, so runs would not be reproducible.
     pub lockstep: bool,
+    /// Whether the delay of the efforts is compensated ([`ControlLoop::add_command_delay`]): the law has the joint state, and the
+    /// base's angular velocity, that are predicted for the time at which its efforts act. Until delays have been measured,
+    /// and where the loop would not be stable, efforts are zero ([`DelayStatus`]). Tips and goals are predicted for that time,
+    /// too: [`Prediction::None`] is taken for [`Prediction::Latency`]. The prediction is that of a robot whose
+    /// links are rigid and form no closed loops.
+    pub compensates_delay: bool,
 }
 
 /// A controller with its inputs. A step allocates no memory; queues are bounded.
@@ -56,6 +66,7 @@ pub struct ControlLoopConfig {
 /// | goal's angular velocity | the goal's motion is estimated from the camera alone |
 /// | law without efforts, or with efforts that are not finite ([`ControlError`](super::ControlError)) | the joints are damped |
 /// | total efforts not finite | efforts are zero |
+/// | delay of the efforts not known yet, or not stable with it, if it is to be compensated | efforts are zero |
 ///
 /// Zero angular momentum is the fallback for the gyro because it follows the arm: a free-floating base turns mostly by
 /// reaction to the joints, which the encoders measure now, whereas the last gyro sample describes a joint motion that has
@@ -73,6 +84,8 @@ pub struct ControlLoop {
     more_tips: Vec<Option<TipMeasurement>>,
     gyro: Newest<Vector3<f64>>,
     goal_rate: Newest<GoalRate>,
+    /// `None` if delays are not compensated.
+    delay_compensation: Option<Box<DelayCompensation>>,
     efforts: DVector<f64>,
 }
 
@@ -101,7 +114,7 @@ impl ControlLoop {
     /// A loop around `controller`, before any input.
     pub fn new(controller: Controller, config: ControlLoopConfig) -> Self {
         let (joints, tips) = (controller.model().dof(), controller.tip_count());
-        Self {
+        let mut control_loop = Self {
             horizon: Horizon {
                 newest: None,
                 timeout: config.timeout,
@@ -112,8 +125,21 @@ impl ControlLoop {
             gyro: Newest::default(),
             goal_rate: Newest::default(),
             efforts: DVector::zeros(joints),
+            delay_compensation: (config.compensates_delay)
+                .then(|| Box::new(DelayCompensation::new(controller.model()))),
             controller,
             config,
+        };
+        control_loop.predict_tips();
+        control_loop
+    }
+
+    /// Where delays are compensated, the motion of tip and base since the exposure is always added: the law of a predicted state
+    /// needs them for the same time.
+    fn predict_tips(&mut self) {
+        let has_none = self.controller.config().prediction == Prediction::None;
+        if self.config.compensates_delay && has_none {
+            self.controller.set_prediction(Prediction::Latency);
         }
     }
 
@@ -132,7 +158,12 @@ impl ControlLoop {
     /// # Errors
     /// [`ConfigError`] when they do not fit the robot; nothing has changed then.
     pub fn set_controller_config(&mut self, config: ControllerConfig) -> Result<(), ConfigError> {
-        self.controller.set_config(config)
+        self.controller.set_config(config)?;
+        self.predict_tips();
+        if let Some(compensation) = &mut self.delay_compensation {
+            compensation.controller_changes();
+        }
+        Ok(())
     }
 
     /// Efforts of the last step \[N m or N\], one per joint. Always finite.
@@ -226,6 +257,23 @@ impl ControlLoop {
         Ok(())
     }
 
+    /// Adds how long after the joint state that they answered efforts of this loop have acted \[s\]. Ignored if delays are not
+    /// compensated.
+    ///
+    /// # Errors
+    /// [`InputError`] when it is negative or not finite.
+    pub fn add_command_delay(&mut self, delay: f64) -> Result<(), InputError> {
+        let what = "the delay of a command";
+        finite(what, &[delay])?;
+        if delay < 0.0 {
+            return Err(InputError::Negative { what });
+        }
+        if let Some(compensation) = &mut self.delay_compensation {
+            compensation.add_delay(delay);
+        }
+        Ok(())
+    }
+
     /// Drops the joint states that wait, without answering them. Measurements stay.
     pub fn skip(&mut self) {
         self.joint_states.clear();
@@ -238,6 +286,9 @@ impl ControlLoop {
         self.gyro.clear();
         self.goal_rate.clear();
         self.horizon.newest = None;
+        if let Some(compensation) = &mut self.delay_compensation {
+            compensation.restart();
+        }
         self.controller.restart();
     }
 
@@ -284,15 +335,30 @@ impl ControlLoop {
         } else {
             self.goal_rate.at(now, timeout)
         };
+        let mut compensation = self.delay_compensation.as_deref_mut();
+        let delay = match &mut compensation {
+            None => DelayStatus::NotCompensated,
+            Some(compensation) => compensation.judge(now, &state.q, &mut self.controller),
+        };
+        let mut joints = (now.as_secs_f64(), &state.q, &state.qd);
+        let mut w_IB_B = gyro.1;
+        if let (DelayStatus::Compensated { delay }, Some(compensation)) = (delay, &mut compensation)
+        {
+            compensation.predict(now, (&state.q, &state.qd), gyro.1, delay);
+            joints = (joints.0 + delay, compensation.q(), compensation.qd());
+            w_IB_B = gyro.1.map(|_| compensation.w_IB_B());
+        }
         let measurement = Measurement {
             more_tips: &self.more_tips,
             goal_rate: goal_rate.1,
-            ..Measurement::new(now.as_secs_f64(), &state.q, &state.qd)
+            ..Measurement::new(joints.0, joints.1, joints.2)
         };
-        let measurement = measurement.with_tip(first.1).with_gyro(gyro.1);
+        let measurement = measurement.with_tip(first.1).with_gyro(w_IB_B);
         let control = self.controller.update(&measurement);
         self.efforts.copy_from(self.controller.efforts());
-        let mode = if self.efforts.iter().all(|effort| effort.is_finite()) {
+        let is_held = matches!(delay, DelayStatus::Measuring | DelayStatus::Refused(_));
+        let is_finite = self.efforts.iter().all(|effort| effort.is_finite());
+        let mode = if is_finite && !is_held {
             match &control {
                 Ok(report) if report.active => ControlMode::Law,
                 _ => ControlMode::DampingOnly,
@@ -301,6 +367,9 @@ impl ControlLoop {
             self.efforts.fill(0.0);
             ControlMode::ZeroEfforts
         };
+        if let Some(compensation) = &mut self.delay_compensation {
+            compensation.record(now, &self.efforts);
+        }
         LoopReport {
             stamp: now,
             control,
@@ -309,6 +378,7 @@ impl ControlLoop {
             second_tip,
             gyro: gyro.0,
             goal_rate: goal_rate.0,
+            delay,
         }
     }
 

@@ -1,7 +1,7 @@
 //! What a control loop reports of each step.
 
 use super::Stamp;
-use crate::control::{ControlError, ControlReport};
+use crate::control::{ControlError, ControlReport, DelayStatus};
 
 /// One step of a [`ControlLoop`](super::ControlLoop): which inputs were used and what was decided.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,6 +20,8 @@ pub struct LoopReport {
     pub gyro: InputStatus,
     /// Estimated angular velocity of the goal.
     pub goal_rate: InputStatus,
+    /// What is done about the delay of the efforts.
+    pub delay: DelayStatus,
 }
 
 /// What the efforts of a step are.
@@ -29,7 +31,7 @@ pub enum ControlMode {
     Law,
     /// Damping of the joints, `-K_V q̇`: the law lacks a measurement or has no efforts.
     DampingOnly,
-    /// Zero: the controller's efforts were not finite.
+    /// Zero: the controller's efforts were not finite, or their delay is not known or too long.
     ZeroEfforts,
 }
 
@@ -73,6 +75,12 @@ pub enum InputError {
     /// A value is NaN or infinite.
     #[error("{what} is not finite")]
     NotFinite {
+        /// The quantity.
+        what: &'static str,
+    },
+    /// A value is negative.
+    #[error("{what} is negative")]
+    Negative {
         /// The quantity.
         what: &'static str,
     },

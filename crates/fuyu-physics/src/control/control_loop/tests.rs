@@ -35,7 +35,12 @@ fn predicting(prediction: Prediction, lockstep: bool) -> ControlLoop {
     let tip = model.frame("tool0").unwrap().clone();
     let controller = Controller::new(model, tip, config(prediction)).unwrap();
     let timeout = TIMEOUT;
-    ControlLoop::new(controller, ControlLoopConfig { timeout, lockstep })
+    let config = ControlLoopConfig {
+        timeout,
+        lockstep,
+        compensates_delay: false,
+    };
+    ControlLoop::new(controller, config)
 }
 
 fn at(seconds: f64) -> Stamp {
