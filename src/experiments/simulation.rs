@@ -189,9 +189,11 @@ pub fn results(
     observed: &[Observed],
     summaries: &[Summary],
 ) -> Result<serde_json::Value, serde_json::Error> {
-    with_reports(fleet, observed, summaries, |reports| match reports.robots.len() {
-        1 => serde_json::to_value(reports.robots.values().next()),
-        _ => serde_json::to_value(reports),
+    with_reports(fleet, observed, summaries, |reports| {
+        match reports.robots.len() {
+            1 => serde_json::to_value(reports.robots.values().next()),
+            _ => serde_json::to_value(reports),
+        }
     })
 }
 
@@ -204,9 +206,11 @@ pub fn results_text(
     observed: &[Observed],
     summaries: &[Summary],
 ) -> Result<String, serde_json::Error> {
-    with_reports(fleet, observed, summaries, |reports| match reports.robots.len() {
-        1 => serde_json::to_string(&reports.robots.values().next()),
-        _ => serde_json::to_string(reports),
+    with_reports(fleet, observed, summaries, |reports| {
+        match reports.robots.len() {
+            1 => serde_json::to_string(&reports.robots.values().next()),
+            _ => serde_json::to_string(reports),
+        }
     })
 }
 

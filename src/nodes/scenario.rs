@@ -397,8 +397,7 @@ impl Scenario {
         declaring
             .finish()
             .map_err(|e| self.with_place(&e.to_string()))?;
-        let value =
-            declared.map_err(|e| format!("{}: node {name}: {e}", self.path.display()))?;
+        let value = declared.map_err(|e| format!("{}: node {name}: {e}", self.path.display()))?;
         Ok((value, store))
     }
 

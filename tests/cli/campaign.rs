@@ -27,7 +27,13 @@ success: [max_tip_speed < 0.05, tip_position_error < 10.0]
 
 fn run(config: &Path, output: &Path, more: &[&str]) -> Vec<String> {
     let [config, output] = [config, output].map(|p| p.to_str().unwrap().to_owned());
-    let mut args = vec!["campaign".into(), "run".into(), config, "--output".into(), output];
+    let mut args = vec![
+        "campaign".into(),
+        "run".into(),
+        config,
+        "--output".into(),
+        output,
+    ];
     args.extend(more.iter().map(|arg| (*arg).to_owned()));
     args
 }
@@ -36,7 +42,10 @@ fn run(config: &Path, output: &Path, more: &[&str]) -> Vec<String> {
 fn results(output: &Path) -> Vec<(String, Vec<u8>)> {
     let files = fs::read_dir(output.join("results")).unwrap().map(|file| {
         let file = file.unwrap();
-        (file.file_name().into_string().unwrap(), fs::read(file.path()).unwrap())
+        (
+            file.file_name().into_string().unwrap(),
+            fs::read(file.path()).unwrap(),
+        )
     });
     let mut files: Vec<_> = files.collect();
     files.sort();
@@ -84,21 +93,31 @@ fn a_run_that_is_shown_repeats_to_the_bit() {
     let output = folder.path().join("out");
     let run_all = fuyu(&run(&config, &output, &[]));
     assert_eq!((run_all.code, run_all.stderr.as_str()), (0, ""));
-    assert!(run_all.stdout.contains("success rate"), "{}", run_all.stdout);
+    assert!(
+        run_all.stdout.contains("success rate"),
+        "{}",
+        run_all.stdout
+    );
     // Where it was started does not matter any more.
     fs::remove_file(&config).unwrap();
     let dataset = fuyu::experiments::campaign::Dataset::open(&output).unwrap();
     for row in dataset.rows().unwrap() {
         let number = row.run.to_string();
-        let shown = fuyu(&["campaign", "show", output.to_str().unwrap(), "--run", &number]);
+        let shown = fuyu(&[
+            "campaign",
+            "show",
+            output.to_str().unwrap(),
+            "--run",
+            &number,
+        ]);
         assert_eq!(shown.code, 0, "{}", shown.stderr);
         let (_folder, scenario) = file("shown.yaml", &shown.stdout);
         let result = fuyu(&["simulate", scenario.to_str().unwrap(), "--json"]).json();
         // The text of JSON has the shortest digits that give the same number.
         let expected = ["tip_position_error", "max_tip_speed"].map(|name| result[name].to_string());
-        let found = row.results[..2].iter().map(|cell| {
-            Value::from(cell.number().unwrap()).to_string()
-        });
+        let found = row.results[..2]
+            .iter()
+            .map(|cell| Value::from(cell.number().unwrap()).to_string());
         assert_eq!(found.collect::<Vec<_>>(), expected);
     }
 }
@@ -109,7 +128,11 @@ fn wrong_input_is_refused_in_one_line() {
     let output = folder.path().join("out");
     let edited = |from: &str, to: &str| {
         assert!(CAMPAIGN.contains(from));
-        fs::write(folder.path().join("edited.yaml"), CAMPAIGN.replace(from, to)).unwrap();
+        fs::write(
+            folder.path().join("edited.yaml"),
+            CAMPAIGN.replace(from, to),
+        )
+        .unwrap();
         let run = fuyu(&run(&folder.path().join("edited.yaml"), &output, &[]));
         let refusal = run.refusal().to_owned();
         assert!(refusal.contains("edited.yaml"), "{refusal}");
@@ -117,10 +140,22 @@ fn wrong_input_is_refused_in_one_line() {
         refusal
     };
     for (from, to, expected) in [
-        ("controller.k_p:", "controller.kp:", "did you mean controller.k_p?"),
+        (
+            "controller.k_p:",
+            "controller.kp:",
+            "did you mean controller.k_p?",
+        ),
         ("sigma: 5.0", "sigma: -5.0", "sigma is -5"),
-        ("min: 0.0, max: 0.01", "min: 0.02, max: 0.01", "min must be below max"),
-        ("max_tip_speed,", "max_tip_sped,", "did you mean max_tip_speed?"),
+        (
+            "min: 0.0, max: 0.01",
+            "min: 0.02, max: 0.01",
+            "min must be below max",
+        ),
+        (
+            "max_tip_speed,",
+            "max_tip_sped,",
+            "did you mean max_tip_speed?",
+        ),
         ("positioning.yaml", "positoning.yaml", "positoning.yaml"),
         ("seed: 42", "seed: [", "edited.yaml"),
     ] {
@@ -133,18 +168,54 @@ fn wrong_input_is_refused_in_one_line() {
     };
     let config = config.to_str().unwrap();
     let out = output.to_str().unwrap();
-    other(&["campaign", "show", out, "--run", "1"], "is no folder of a campaign");
+    other(
+        &["campaign", "show", out, "--run", "1"],
+        "is no folder of a campaign",
+    );
     other(&["campaign", "summary", out], "is no folder of a campaign");
     other(
-        &["campaign", "run", config, "--output", folder.path().to_str().unwrap()],
+        &[
+            "campaign",
+            "run",
+            config,
+            "--output",
+            folder.path().to_str().unwrap(),
+        ],
         "is not empty and holds no campaign",
     );
-    other(&["campaign", "run", config, "--output", out, "--engine", "dask"], "--address");
-    // Nothing listens at port 1.
-    let dask = ["campaign", "run", config, "--output", out, "--engine", "dask", "--address"];
-    other(&[&dask[..], &["tcp://127.0.0.1:1"]].concat(), "no Dask scheduler answers");
     other(
-        &["campaign", "run-range", config, "--output", out, "--first", "5", "--last", "600"],
+        &[
+            "campaign", "run", config, "--output", out, "--engine", "dask",
+        ],
+        "--address",
+    );
+    // Nothing listens at port 1.
+    let dask = [
+        "campaign",
+        "run",
+        config,
+        "--output",
+        out,
+        "--engine",
+        "dask",
+        "--address",
+    ];
+    other(
+        &[&dask[..], &["tcp://127.0.0.1:1"]].concat(),
+        "no Dask scheduler answers",
+    );
+    other(
+        &[
+            "campaign",
+            "run-range",
+            config,
+            "--output",
+            out,
+            "--first",
+            "5",
+            "--last",
+            "600",
+        ],
         "runs 0 to 599",
     );
     assert!(!output.exists());
@@ -157,14 +228,21 @@ fn a_full_disk_is_one_line_and_the_campaign_continues_later() {
     let (folder, config) = file("campaign.yaml", text);
     let output = folder.path().join("out");
     let limited = Command::new("bash")
-        .args(["-c", "trap '' XFSZ; ulimit -f 6; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_fuyu")])
+        .args([
+            "-c",
+            "trap '' XFSZ; ulimit -f 6; exec \"$0\" \"$@\"",
+            env!("CARGO_BIN_EXE_fuyu"),
+        ])
         .args(run(&config, &output, &[]))
         .output()
         .unwrap();
     let stderr = String::from_utf8(limited.stderr).unwrap();
     assert_eq!(limited.status.code(), Some(1), "{stderr}");
     assert_eq!(stderr.lines().count(), 1, "{stderr}");
-    assert!(stderr.contains("part-000000") && stderr.contains("cannot be written"), "{stderr}");
+    assert!(
+        stderr.contains("part-000000") && stderr.contains("cannot be written"),
+        "{stderr}"
+    );
     let again = fuyu(&run(&config, &output, &["--json"]));
     assert_eq!(again.code, 0, "{}", again.stderr);
     let whole = folder.path().join("whole");
@@ -174,7 +252,9 @@ fn a_full_disk_is_one_line_and_the_campaign_continues_later() {
 
 #[test]
 fn the_summary_has_interval_worst_runs_sensitivities_and_pictures() {
-    let text = CAMPAIGN.replace("runs: 600", "runs: 60").replace("duration: 0.3", "duration: 3.0");
+    let text = CAMPAIGN
+        .replace("runs: 600", "runs: 60")
+        .replace("duration: 0.3", "duration: 3.0");
     let (folder, config) = file("campaign.yaml", text);
     let output = folder.path().join("out");
     assert_eq!(fuyu(&run(&config, &output, &[])).code, 0);
@@ -182,18 +262,25 @@ fn the_summary_has_interval_worst_runs_sensitivities_and_pictures() {
     let summary = fuyu(&["campaign", "summary", out, "--json", "--plots"]).json();
     let interval = &summary["confidence_interval"];
     let rate = summary["success_rate"].as_f64().unwrap();
-    assert!(interval["lower"].as_f64().unwrap() <= rate && rate <= interval["upper"].as_f64().unwrap());
+    assert!(
+        interval["lower"].as_f64().unwrap() <= rate && rate <= interval["upper"].as_f64().unwrap()
+    );
     assert_eq!(summary["worst"].as_array().unwrap().len(), 10);
     // A larger gain gives a faster tip.
     let sensitivities = summary["sensitivities"].as_array().unwrap();
-    let found = sensitivities.iter().find(|s| {
-        s["result"] == "max_tip_speed" && s["parameter"] == "controller.k_p"
-    });
+    let found = sensitivities
+        .iter()
+        .find(|s| s["result"] == "max_tip_speed" && s["parameter"] == "controller.k_p");
     assert!(found.unwrap()["rho"].as_f64().unwrap() > 0.5, "{found:?}");
     assert!(output.join("plots/success_rate.svg").exists());
     assert!(output.join("plots/distribution-max_tip_speed.png").exists());
     let text = fuyu(&["campaign", "summary", out]).stdout;
-    for words in ["60 of 60 runs", "success rate", "worst runs", "rank correlations"] {
+    for words in [
+        "60 of 60 runs",
+        "success rate",
+        "worst runs",
+        "rank correlations",
+    ] {
         assert!(text.contains(words), "{words}: {text}");
     }
 }
@@ -208,7 +295,12 @@ fn every_campaign_that_comes_with_fuyu_can_run() {
         let summary = fuyu(&run(&config, &output, &["--runs", "2", "--json"])).json();
         assert_eq!(summary["completed"], 2, "{}", config.display());
         for broken in ["error", "panic", "crash", "timeout"] {
-            assert_eq!(summary["verdicts"][broken], 0, "{}: {summary}", config.display());
+            assert_eq!(
+                summary["verdicts"][broken],
+                0,
+                "{}: {summary}",
+                config.display()
+            );
         }
     }
 }

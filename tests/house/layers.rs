@@ -145,7 +145,12 @@ fn modules_use_only_those_below_them() {
 #[test]
 fn physics_uses_no_files_environment_network_processes_or_threads() {
     let mut wrong = BTreeSet::new();
-    let physics = ["fuyu-physics", "fuyu-structures", "fuyu-lti", "fuyu-campaign"];
+    let physics = [
+        "fuyu-physics",
+        "fuyu-structures",
+        "fuyu-lti",
+        "fuyu-campaign",
+    ];
     for source in sources().iter().filter(|s| physics.contains(&s.package)) {
         for name in source.names_below("std") {
             if ["fs", "env", "net", "process", "thread"].contains(&name.as_str()) {

@@ -94,7 +94,11 @@ mod tests {
 
     #[test]
     fn samples_have_the_covariance() {
-        let matrix = [vec![4.0, -1.8, 0.5], vec![-1.8, 1.0, 0.0], vec![0.5, 0.0, 2.0]];
+        let matrix = [
+            vec![4.0, -1.8, 0.5],
+            vec![-1.8, 1.0, 0.0],
+            vec![0.5, 0.0, 2.0],
+        ];
         let covariance = Covariance::new(&matrix).unwrap();
         let n = 40_000;
         let design = Design::new(Sampling::Random, 5, n, &["a", "b", "c"]).unwrap();
@@ -113,7 +117,11 @@ mod tests {
                 // Variance of a product of normal variables (Isserlis).
                 let variance = matrix[i][i] * matrix[j][j] + matrix[i][j].powi(2);
                 let error = 4.0 * (variance / n as f64).sqrt();
-                assert!((sums[i][j] - matrix[i][j]).abs() < error, "{i} {j}: {}", sums[i][j]);
+                assert!(
+                    (sums[i][j] - matrix[i][j]).abs() < error,
+                    "{i} {j}: {}",
+                    sums[i][j]
+                );
             }
         }
     }
@@ -122,16 +130,24 @@ mod tests {
     fn a_singular_covariance_is_possible() {
         // x, 2x, and something without variance.
         let matrix = [vec![1.0, 2.0, 0.0], vec![2.0, 4.0, 0.0], vec![0.0; 3]];
-        let x = Covariance::new(&matrix).unwrap().deviations(&[0.9, 0.2, 0.3]);
+        let x = Covariance::new(&matrix)
+            .unwrap()
+            .deviations(&[0.9, 0.2, 0.3]);
         assert!((x[1] - 2.0 * x[0]).abs() < 1e-15 && x[2] == 0.0, "{x:?}");
     }
 
     #[test]
     fn impossible_covariances_are_refused() {
         for (matrix, expected) in [
-            (vec![vec![1.0, 2.0], vec![2.0, 1.0]], "positive semidefinite"),
+            (
+                vec![vec![1.0, 2.0], vec![2.0, 1.0]],
+                "positive semidefinite",
+            ),
             (vec![vec![-1.0]], "positive semidefinite"),
-            (vec![vec![0.0, 1.0], vec![1.0, 1.0]], "positive semidefinite"),
+            (
+                vec![vec![0.0, 1.0], vec![1.0, 1.0]],
+                "positive semidefinite",
+            ),
             (vec![vec![1.0, 0.5], vec![0.4, 1.0]], "not symmetric"),
             (vec![vec![1.0, 0.5]], "must be square"),
             (vec![vec![f64::NAN]], "not finite"),

@@ -54,10 +54,15 @@ impl Design {
         if sampling == Sampling::Sobol {
             sobol::check(names.len())?;
             if runs > sobol::POINTS {
-                return refuse(format!("there are {} Sobol points, fewer than {runs} runs", sobol::POINTS));
+                return refuse(format!(
+                    "there are {} Sobol points, fewer than {runs} runs",
+                    sobol::POINTS
+                ));
             }
         }
-        let seeds = names.iter().map(|name| stream(seed, text_hash(name.as_ref())));
+        let seeds = names
+            .iter()
+            .map(|name| stream(seed, text_hash(name.as_ref())));
         Ok(Self {
             sampling,
             runs,
@@ -96,7 +101,9 @@ mod tests {
 
     fn numbers(sampling: Sampling, runs: u64, coordinate: usize) -> Vec<f64> {
         let design = Design::new(sampling, 3, runs, &["a", "b", "c"]).unwrap();
-        (0..runs).map(|run| design.coordinate(run, coordinate)).collect()
+        (0..runs)
+            .map(|run| design.coordinate(run, coordinate))
+            .collect()
     }
 
     #[test]
@@ -120,7 +127,9 @@ mod tests {
             let mut sorted = column.clone();
             sorted.sort_by(f64::total_cmp);
             let distance = sorted.iter().enumerate().map(|(i, x)| {
-                (x - i as f64 / n as f64).abs().max((x - (i + 1) as f64 / n as f64).abs())
+                (x - i as f64 / n as f64)
+                    .abs()
+                    .max((x - (i + 1) as f64 / n as f64).abs())
             });
             assert!(distance.fold(0.0, f64::max) * (n as f64).sqrt() < 1.95);
         }
@@ -132,7 +141,10 @@ mod tests {
             assert!(correlation(&columns[a], &columns[b]).abs() * (n as f64).sqrt() < 3.3);
         }
         // Successive runs.
-        assert!(correlation(&columns[0][1..], &columns[0][..n as usize - 1]).abs() * (n as f64).sqrt() < 3.3);
+        assert!(
+            correlation(&columns[0][1..], &columns[0][..n as usize - 1]).abs() * (n as f64).sqrt()
+                < 3.3
+        );
     }
 
     // The mean of a smooth function converges faster than with random points: with 1024 points the error of random ones would be
@@ -140,14 +152,22 @@ mod tests {
     #[test]
     fn sobol_points_integrate_better() {
         let design = Design::new(Sampling::Sobol, 3, 1024, &["a", "b", "c"]).unwrap();
-        let f = |run| (0..3).map(|c| 2.0 * design.coordinate(run, c)).product::<f64>();
+        let f = |run| {
+            (0..3)
+                .map(|c| 2.0 * design.coordinate(run, c))
+                .product::<f64>()
+        };
         let mean = (0..1024).map(f).sum::<f64>() / 1024.0;
         assert!((mean - 1.0).abs() < 1e-3, "{mean}");
     }
 
     #[test]
     fn other_seeds_and_names_give_other_numbers_and_other_names_do_not_matter() {
-        let first = |seed, names: &[&str]| Design::new(Sampling::Random, seed, 10, names).unwrap().coordinate(4, 0);
+        let first = |seed, names: &[&str]| {
+            Design::new(Sampling::Random, seed, 10, names)
+                .unwrap()
+                .coordinate(4, 0)
+        };
         assert_eq!(first(1, &["a"]), first(1, &["a", "b"]));
         assert_ne!(first(1, &["a"]), first(2, &["a"]));
         assert_ne!(first(1, &["a"]), first(1, &["b"]));
@@ -156,8 +176,13 @@ mod tests {
     #[test]
     fn impossible_designs_are_refused() {
         let names: Vec<String> = (0..101).map(|i| i.to_string()).collect();
-        let error = Design::new(Sampling::Sobol, 1, 10, &names).unwrap_err().to_string();
-        assert!(error.contains("at most 100 dimensions") && error.contains("101"), "{error}");
+        let error = Design::new(Sampling::Sobol, 1, 10, &names)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("at most 100 dimensions") && error.contains("101"),
+            "{error}"
+        );
         assert!(Design::new(Sampling::Random, 1, 0, &["a"]).is_err());
     }
 }

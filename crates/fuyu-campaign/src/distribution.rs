@@ -12,7 +12,10 @@ pub struct Distribution(Kind);
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Kind {
-    Normal { mean: f64, sigma: f64 },
+    Normal {
+        mean: f64,
+        sigma: f64,
+    },
     /// With the probabilities below both ends, for the mirror image if `mirrored`.
     TruncatedNormal {
         mean: f64,
@@ -22,9 +25,18 @@ enum Kind {
         below: [f64; 2],
         mirrored: bool,
     },
-    LogNormal { median: f64, sigma: f64 },
-    Uniform { min: f64, max: f64 },
-    Integers { min: i64, count: u64 },
+    LogNormal {
+        median: f64,
+        sigma: f64,
+    },
+    Uniform {
+        min: f64,
+        max: f64,
+    },
+    Integers {
+        min: i64,
+        count: u64,
+    },
 }
 
 fn finite(name: &str, value: f64) -> Result<(), SamplingError> {
@@ -196,7 +208,9 @@ mod tests {
 
     fn sample(distribution: Distribution) -> Vec<f64> {
         let design = Design::new(Sampling::Random, 11, N, &["x"]).unwrap();
-        (0..N).map(|run| distribution.quantile(design.coordinate(run, 0))).collect()
+        (0..N)
+            .map(|run| distribution.quantile(design.coordinate(run, 0)))
+            .collect()
     }
 
     /// Kolmogorov and Smirnov's distance times sqrt(n): above 1.95 with probability 0.001.
@@ -224,7 +238,13 @@ mod tests {
     /// Abramowitz and Stegun 26.2.17, |error| < 7.5e-8: shares no code with `normal_cdf`.
     fn phi(x: f64) -> f64 {
         let t = 1.0 / (1.0 + 0.231_641_9 * x.abs());
-        let c = [0.319_381_530, -0.356_563_782, 1.781_477_937, -1.821_255_978, 1.330_274_429];
+        let c = [
+            0.319_381_530,
+            -0.356_563_782,
+            1.781_477_937,
+            -1.821_255_978,
+            1.330_274_429,
+        ];
         let sum = c.iter().rev().fold(0.0, |sum, c| (sum + c) * t);
         let tail = (-0.5 * x * x).exp() / std::f64::consts::TAU.sqrt() * sum;
         if x < 0.0 { tail } else { 1.0 - tail }
@@ -247,8 +267,8 @@ mod tests {
         let density = |x: f64| (-0.5 * x * x).exp() / std::f64::consts::TAU.sqrt();
         let z = phi(b) - phi(a);
         let shift = (density(a) - density(b)) / z;
-        let variance = sigma.powi(2)
-            * (1.0 + (a * density(a) - b * density(b)) / z - shift * shift);
+        let variance =
+            sigma.powi(2) * (1.0 + (a * density(a) - b * density(b)) / z - shift * shift);
         moments(&sample, mean + sigma * shift, variance, 2.2);
         assert!(distance(sample, |x| (phi((x - mean) / sigma) - phi(a)) / z) < 1.95);
     }
@@ -273,7 +293,12 @@ mod tests {
         let sample = sample(Distribution::log_normal(median, sigma).unwrap());
         let w = (sigma * sigma).exp();
         let kurtosis = w.powi(4) + 2.0 * w.powi(3) + 3.0 * w.powi(2) - 3.0;
-        moments(&sample, median * w.sqrt(), median.powi(2) * w * (w - 1.0), kurtosis);
+        moments(
+            &sample,
+            median * w.sqrt(),
+            median.powi(2) * w * (w - 1.0),
+            kurtosis,
+        );
         assert!(distance(sample, |x| phi((x / median).ln() / sigma)) < 1.95);
     }
 
@@ -294,7 +319,9 @@ mod tests {
         }
         // Chi-square with 5 degrees of freedom: 99.9 % quantile.
         let expected = N as f64 / 6.0;
-        let terms = counts.iter().map(|&n| (f64::from(n) - expected).powi(2) / expected);
+        let terms = counts
+            .iter()
+            .map(|&n| (f64::from(n) - expected).powi(2) / expected);
         assert!(terms.sum::<f64>() < 20.5, "{counts:?}");
     }
 
@@ -308,9 +335,18 @@ mod tests {
             (Distribution::uniform(1.0, 1.0), "min must be below max"),
             (Distribution::uniform(0.0, f64::INFINITY), "max is inf"),
             (Distribution::log_normal(0.0, 1.0), "median is 0"),
-            (Distribution::truncated_normal(0.0, 0.0, -1.0, 1.0), "sigma is 0"),
-            (Distribution::truncated_normal(0.0, 1.0, 1.0, -1.0), "min must be below max"),
-            (Distribution::truncated_normal(0.0, 1.0, 50.0, 60.0), "nothing is between"),
+            (
+                Distribution::truncated_normal(0.0, 0.0, -1.0, 1.0),
+                "sigma is 0",
+            ),
+            (
+                Distribution::truncated_normal(0.0, 1.0, 1.0, -1.0),
+                "min must be below max",
+            ),
+            (
+                Distribution::truncated_normal(0.0, 1.0, 50.0, 60.0),
+                "nothing is between",
+            ),
             (Distribution::integers(3, 2), "min is 3"),
         ] {
             let text = wrong.unwrap_err().to_string();
@@ -322,10 +358,21 @@ mod tests {
     fn quantiles_stay_in_range_at_the_ends() {
         let ends = [0.5 / (1u64 << 52) as f64, 1.0 - 0.5 / (1u64 << 52) as f64];
         for u in ends {
-            assert!((0.0..=4.0).contains(&Distribution::truncated_normal(1.0, 2.0, 0.0, 4.0).unwrap().quantile(u)));
+            assert!(
+                (0.0..=4.0).contains(
+                    &Distribution::truncated_normal(1.0, 2.0, 0.0, 4.0)
+                        .unwrap()
+                        .quantile(u)
+                )
+            );
             assert!((1.0..=6.0).contains(&Distribution::integers(1, 6).unwrap().quantile(u)));
             assert!((-0.1..=0.2).contains(&Distribution::uniform(-0.1, 0.2).unwrap().quantile(u)));
-            assert!(Distribution::normal(0.0, 1.0).unwrap().quantile(u).is_finite());
+            assert!(
+                Distribution::normal(0.0, 1.0)
+                    .unwrap()
+                    .quantile(u)
+                    .is_finite()
+            );
         }
     }
 }

@@ -31,9 +31,7 @@ pub use design::{Design, Sampling};
 pub use distribution::Distribution;
 pub use normal::{normal_cdf, normal_quantile};
 pub use random::{mix, seed_of, text_hash};
-pub use rotation::{
-    compose, on_sphere, rotation_from_vector, rotation_within, uniform_rotation,
-};
+pub use rotation::{compose, on_sphere, rotation_from_vector, rotation_within, uniform_rotation};
 pub use sobol::MOST_DIMENSIONS;
 pub use statistics::{
     Interval, RankCorrelation, mean_and_deviation, quantile, spearman, success_interval,

@@ -15,7 +15,11 @@ pub fn normal_quantile(p: f64) -> f64 {
     }
     let tail = if from_centre < 0.0 { p } else { 1.0 - p };
     if tail <= 0.0 {
-        return if from_centre < 0.0 { f64::NEG_INFINITY } else { f64::INFINITY };
+        return if from_centre < 0.0 {
+            f64::NEG_INFINITY
+        } else {
+            f64::INFINITY
+        };
     }
     let r = libm::sqrt(-libm::log(tail));
     let size = match r <= 5.0 {
@@ -117,7 +121,10 @@ mod tests {
             (0.5, 0.0),
         ] {
             let error = normal_quantile(p) - expected;
-            assert!(error.abs() <= 4e-15 * f64::max(1.0, expected.abs()), "{p}: {error:e}");
+            assert!(
+                error.abs() <= 4e-15 * f64::max(1.0, expected.abs()),
+                "{p}: {error:e}"
+            );
         }
     }
 
@@ -125,13 +132,19 @@ mod tests {
     fn quantile_and_distribution_function_are_inverse() {
         for i in 1..2000 {
             let p = f64::from(i) / 2000.0;
-            assert!((normal_cdf(normal_quantile(p)) / p - 1.0).abs() < 1e-14, "{p}");
+            assert!(
+                (normal_cdf(normal_quantile(p)) / p - 1.0).abs() < 1e-14,
+                "{p}"
+            );
         }
         for exponent in 4..290 {
             let p = 10f64.powi(-exponent);
             // The distribution function's relative error grows with x².
             let x = normal_quantile(p);
-            assert!((normal_cdf(x) / p - 1.0).abs() < 1e-15 * x * x, "1e-{exponent}");
+            assert!(
+                (normal_cdf(x) / p - 1.0).abs() < 1e-15 * x * x,
+                "1e-{exponent}"
+            );
         }
     }
 

@@ -104,7 +104,9 @@ mod tests {
             counts[permute(0, 10, mix(key)) as usize] += 1;
         }
         let expected = keys as f64 / 10.0;
-        let terms = counts.iter().map(|&n| (f64::from(n) - expected).powi(2) / expected);
+        let terms = counts
+            .iter()
+            .map(|&n| (f64::from(n) - expected).powi(2) / expected);
         assert!(terms.sum::<f64>() < 33.7, "{counts:?}");
     }
 }

@@ -79,22 +79,39 @@ mod tests {
 
     fn points() -> Vec<[f64; 3]> {
         let design = Design::new(Sampling::Random, 8, N, &["a", "b", "c"]).unwrap();
-        (0..N).map(|run| std::array::from_fn(|c| design.coordinate(run, c))).collect()
+        (0..N)
+            .map(|run| std::array::from_fn(|c| design.coordinate(run, c)))
+            .collect()
     }
 
     /// Rotation matrix of a quaternion, by its definition.
     fn matrix([x, y, z, w]: [f64; 4]) -> [[f64; 3]; 3] {
         [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+            [
+                1.0 - 2.0 * (y * y + z * z),
+                2.0 * (x * y - w * z),
+                2.0 * (x * z + w * y),
+            ],
+            [
+                2.0 * (x * y + w * z),
+                1.0 - 2.0 * (x * x + z * z),
+                2.0 * (y * z - w * x),
+            ],
+            [
+                2.0 * (x * z - w * y),
+                2.0 * (y * z + w * x),
+                1.0 - 2.0 * (x * x + y * y),
+            ],
         ]
     }
 
     fn distance(mut sample: Vec<f64>, cdf: impl Fn(f64) -> f64) -> f64 {
         sample.sort_by(f64::total_cmp);
         let n = sample.len() as f64;
-        let gaps = sample.iter().enumerate().map(|(i, x)| (cdf(*x) - (i as f64 + 0.5) / n).abs());
+        let gaps = sample
+            .iter()
+            .enumerate()
+            .map(|(i, x)| (cdf(*x) - (i as f64 + 0.5) / n).abs());
         gaps.fold(0.0, f64::max) * n.sqrt()
     }
 
@@ -116,17 +133,31 @@ mod tests {
         let rotations: Vec<_> = points().into_iter().map(uniform_rotation).collect();
         for (row, column) in [(0, 0), (1, 0), (2, 1), (1, 2)] {
             let sample = rotations.iter().map(|q| matrix(*q)[row][column]).collect();
-            assert!(distance(sample, |x| (x + 1.0) / 2.0) < 1.95, "{row} {column}");
+            assert!(
+                distance(sample, |x| (x + 1.0) / 2.0) < 1.95,
+                "{row} {column}"
+            );
         }
-        let angles = rotations.iter().map(|q| 2.0 * q[3].abs().min(1.0).acos()).collect();
+        let angles = rotations
+            .iter()
+            .map(|q| 2.0 * q[3].abs().min(1.0).acos())
+            .collect();
         assert!(distance(angles, |a| (a - a.sin()) / PI) < 1.95);
     }
 
     #[test]
     fn rotations_within_an_angle() {
         for largest in [0.1f64, 1.0, PI] {
-            let rotations: Vec<_> = points().into_iter().map(|u| rotation_within(u, largest)).collect();
-            let angle = |q: &[f64; 4]| 2.0 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2]).sqrt().min(1.0).asin();
+            let rotations: Vec<_> = points()
+                .into_iter()
+                .map(|u| rotation_within(u, largest))
+                .collect();
+            let angle = |q: &[f64; 4]| {
+                2.0 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+                    .sqrt()
+                    .min(1.0)
+                    .asin()
+            };
             let angles: Vec<_> = rotations.iter().map(angle).collect();
             assert!(angles.iter().all(|a| *a <= largest * (1.0 + 1e-12)));
             let share = |a: f64| (a - a.sin()) / (largest - largest.sin());
@@ -138,7 +169,10 @@ mod tests {
 
     #[test]
     fn composition_is_that_of_matrices() {
-        let (p, q) = (uniform_rotation([0.2, 0.3, 0.4]), uniform_rotation([0.7, 0.1, 0.9]));
+        let (p, q) = (
+            uniform_rotation([0.2, 0.3, 0.4]),
+            uniform_rotation([0.7, 0.1, 0.9]),
+        );
         let (P, Q, product) = (matrix(p), matrix(q), matrix(compose(p, q)));
         for i in 0..3 {
             for j in 0..3 {

@@ -69,7 +69,10 @@ pub struct RankCorrelation {
 /// Spearman's rank correlation of the pairs in which both numbers are finite. `None` if there are fewer than three, or if one
 /// quantity does not vary.
 pub fn spearman(x: &[f64], y: &[f64]) -> Option<RankCorrelation> {
-    let pairs = x.iter().zip(y).filter(|(x, y)| x.is_finite() && y.is_finite());
+    let pairs = x
+        .iter()
+        .zip(y)
+        .filter(|(x, y)| x.is_finite() && y.is_finite());
     let (x, y): (Vec<f64>, Vec<f64>) = pairs.map(|(x, y)| (*x, *y)).unzip();
     if x.len() < 3 {
         return None;
@@ -106,7 +109,10 @@ fn ranks(values: &[f64]) -> Vec<f64> {
     let mut start = 0;
     while start < order.len() {
         let value = values[order[start]];
-        let equal = order[start..].iter().take_while(|i| values[**i] == value).count();
+        let equal = order[start..]
+            .iter()
+            .take_while(|i| values[**i] == value)
+            .count();
         let rank = start as f64 + 0.5 * (equal as f64 + 1.0);
         for i in &order[start..start + equal] {
             ranks[*i] = rank;
@@ -141,7 +147,10 @@ mod tests {
     fn the_interval_is_that_of_the_binomial_tails() {
         for (k, n) in [(1, 10), (5, 10), (9, 10), (95, 100), (3, 200), (499, 500)] {
             let Interval { lower, upper } = success_interval(k, n, 0.95);
-            assert!((1.0 - at_most(k - 1, n, lower) - 0.025).abs() < 1e-9, "{k} of {n}");
+            assert!(
+                (1.0 - at_most(k - 1, n, lower) - 0.025).abs() < 1e-9,
+                "{k} of {n}"
+            );
             assert!((at_most(k, n, upper) - 0.025).abs() < 1e-9, "{k} of {n}");
         }
         // The rule of three, exactly: 1 - 0.025^(1/n).
@@ -160,7 +169,8 @@ mod tests {
             for campaign in 0..200 {
                 let design = Design::new(Sampling::Random, campaign, 100, &["x"]).unwrap();
                 let successes = (0..100).filter(|run| design.coordinate(*run, 0) < probability);
-                let Interval { lower, upper } = success_interval(successes.count() as u64, 100, 0.95);
+                let Interval { lower, upper } =
+                    success_interval(successes.count() as u64, 100, 0.95);
                 contained += u32::from((lower..=upper).contains(&probability));
             }
             assert!(contained >= 180, "{probability}: {contained} of 200");
@@ -181,13 +191,24 @@ mod tests {
     // Without ties: 1 - 6 sum d² / (n (n² - 1)). With ties and p-value: scipy.stats.spearmanr, SciPy 1.14.
     #[test]
     fn rank_correlation() {
-        let x = [106.0, 100.0, 86.0, 101.0, 99.0, 103.0, 97.0, 113.0, 112.0, 110.0];
+        let x = [
+            106.0, 100.0, 86.0, 101.0, 99.0, 103.0, 97.0, 113.0, 112.0, 110.0,
+        ];
         let y = [7.0, 27.0, 2.0, 50.0, 28.0, 29.0, 20.0, 12.0, 6.0, 17.0];
         let found = spearman(&x, &y).unwrap();
-        assert!((found.rho - (1.0 - 6.0 * 194.0 / 990.0)).abs() < 1e-12, "{found:?}");
-        assert!((found.p_value - 0.627_188_344_781_084_2).abs() < 1e-8, "{found:?}");
+        assert!(
+            (found.rho - (1.0 - 6.0 * 194.0 / 990.0)).abs() < 1e-12,
+            "{found:?}"
+        );
+        assert!(
+            (found.p_value - 0.627_188_344_781_084_2).abs() < 1e-8,
+            "{found:?}"
+        );
         let tied = spearman(&[1.0, 2.0, 2.0, 3.0], &[1.0, 3.0, 2.0, 4.0]).unwrap();
-        assert!((tied.rho - 0.948_683_298_050_513_8).abs() < 1e-12, "{tied:?}");
+        assert!(
+            (tied.rho - 0.948_683_298_050_513_8).abs() < 1e-12,
+            "{tied:?}"
+        );
         let monotonic: Vec<f64> = x.iter().map(|x| x.powi(3)).collect();
         assert_eq!(spearman(&x, &monotonic).unwrap().rho, 1.0);
         assert_eq!(spearman(&x, &[1.0; 10]), None);

@@ -34,9 +34,8 @@ pub(super) fn check(address: &str) -> Result<(), Failure> {
         .args(["-c", &format!("import distributed, {MODULE}")])
         .stdin(Stdio::null())
         .output();
-    let output = tried.map_err(|e| {
-        input(format!("--engine dask: python3 cannot be started: {e}"))
-    })?;
+    let output =
+        tried.map_err(|e| input(format!("--engine dask: python3 cannot be started: {e}")))?;
     if !output.status.success() {
         let log = String::from_utf8_lossy(&output.stderr);
         let last = log.lines().rfind(|line| !line.trim().is_empty());
@@ -67,7 +66,9 @@ pub(super) fn run(address: &str, config: &str, dataset: &Dataset) -> Result<(), 
         .map_err(|e| runtime(format!("python3 cannot be started: {e}")))?;
     match status.code() {
         Some(0) => Ok(()),
-        Some(2) => Err(Failure::Input(format!("--engine dask: {MODULE} refused its input"))),
+        Some(2) => Err(Failure::Input(format!(
+            "--engine dask: {MODULE} refused its input"
+        ))),
         _ => Err(runtime(format!("{MODULE} ended with {status}"))),
     }
 }

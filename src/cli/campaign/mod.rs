@@ -106,7 +106,10 @@ fn show(args: &ShowArgs) -> Result<(), Failure> {
     }
     let text = campaign.scenario_text_of(args.run)?;
     let (name, seed) = (campaign.name(), campaign.seed_of(args.run));
-    print(&format!("# Run {} of the campaign {name}, seed {seed}.\n{text}", args.run))
+    print(&format!(
+        "# Run {} of the campaign {name}, seed {seed}.\n{text}",
+        args.run
+    ))
 }
 
 fn summary(args: &SummaryArgs) -> Result<(), Failure> {

@@ -38,7 +38,9 @@ pub(super) fn text(summary: &Summary) -> String {
         );
     }
     let verdicts = summary.verdicts.iter().filter(|(_, count)| **count > 0);
-    let verdicts: Vec<_> = verdicts.map(|(name, count)| format!("{count} {name}")).collect();
+    let verdicts: Vec<_> = verdicts
+        .map(|(name, count)| format!("{count} {name}"))
+        .collect();
     if !verdicts.is_empty() {
         let _ = writeln!(out, "  {}", verdicts.join(", "));
     }
@@ -85,11 +87,23 @@ fn quantiles(out: &mut String, summary: &Summary) {
     for (name, q) in &summary.results {
         let [mean, p05, p50, p95, p99, max] =
             [q.mean, q.p05, q.p50, q.p95, q.p99, q.max].map(number);
-        rows.push([shown(name), mean, p05, p50, p95, p99, max, q.count.to_string()]);
+        rows.push([
+            shown(name),
+            mean,
+            p05,
+            p50,
+            p95,
+            p99,
+            max,
+            q.count.to_string(),
+        ]);
     }
     out.push_str("\nresults\n");
     let widths: [usize; 8] = std::array::from_fn(|i| {
-        rows.iter().map(|row| row[i].chars().count()).max().unwrap_or(0)
+        rows.iter()
+            .map(|row| row[i].chars().count())
+            .max()
+            .unwrap_or(0)
     });
     for row in &rows {
         let mut line = format!("  {:w$}", row[0], w = widths[0]);
@@ -107,7 +121,11 @@ fn sensitivities(out: &mut String, all: &[Sensitivity]) {
         return;
     }
     out.push_str("\nrank correlations (Spearman) of results with parameters\n");
-    let names: Vec<_> = significant.iter().take(SENSITIVITIES).map(|s| shown(&s.result)).collect();
+    let names: Vec<_> = significant
+        .iter()
+        .take(SENSITIVITIES)
+        .map(|s| shown(&s.result))
+        .collect();
     let left = names.iter().map(|n| n.chars().count()).max().unwrap_or(0);
     for (sensitivity, name) in significant.iter().zip(&names) {
         let _ = writeln!(
@@ -118,6 +136,10 @@ fn sensitivities(out: &mut String, all: &[Sensitivity]) {
         );
     }
     if significant.len() > SENSITIVITIES {
-        let _ = writeln!(out, "  and {} weaker ones, see --json", significant.len() - SENSITIVITIES);
+        let _ = writeln!(
+            out,
+            "  and {} weaker ones, see --json",
+            significant.len() - SENSITIVITIES
+        );
     }
 }

@@ -12,7 +12,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::{dask, print_summary};
 use crate::{
     cli::Failure,
-    experiments::campaign::{Campaign, Dataset, Progress, RangeOptions, Summary, Workers, run_range as compute},
+    experiments::campaign::{
+        Campaign, Dataset, Progress, RangeOptions, Summary, Workers, run_range as compute,
+    },
 };
 
 /// Confidence of the interval that is printed at the end.
@@ -118,9 +120,15 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             workers: workers()?,
         };
         let mut reporter = Reporter::new(campaign.runs());
-        compute(&campaign, &dataset, 0..=campaign.runs() - 1, &options, |progress| {
-            reporter.see(progress);
-        })?;
+        compute(
+            &campaign,
+            &dataset,
+            0..=campaign.runs() - 1,
+            &options,
+            |progress| {
+                reporter.see(progress);
+            },
+        )?;
         reporter.finish();
     }
     let dataset = Dataset::open(&args.output)?;
@@ -142,7 +150,13 @@ pub(super) fn run_range(args: &RangeArgs) -> Result<(), Failure> {
         jobs: args.jobs.get(),
         workers: workers()?,
     };
-    Ok(compute(&campaign, &dataset, args.first..=args.last, &options, |_| {})?)
+    Ok(compute(
+        &campaign,
+        &dataset,
+        args.first..=args.last,
+        &options,
+        |_| {},
+    )?)
 }
 
 /// Reports progress on stderr: a bar on a terminal, otherwise a line now and then.

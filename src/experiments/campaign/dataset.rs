@@ -13,8 +13,8 @@
 
 use std::{
     collections::BTreeMap,
-    fs::{self, File, OpenOptions},
-    io::{Read, Seek, SeekFrom, Write},
+    fs::{self, File},
+    io::Read,
     ops::RangeInclusive,
     path::{Path, PathBuf},
 };
@@ -233,7 +233,9 @@ impl Dataset {
     }
 
     fn part(&self, kind: &str, chunk: u64) -> PathBuf {
-        self.folder.join(kind).join(format!("part-{chunk:06}.parquet"))
+        self.folder
+            .join(kind)
+            .join(format!("part-{chunk:06}.parquet"))
     }
 
     /// The runs of a table.
@@ -309,7 +311,10 @@ impl Dataset {
         }
         let rows = cells.into_iter().map(|cells| {
             self.row_of(cells, &wall_times).ok_or_else(|| {
-                CampaignError::Runtime(format!("{}: has a row without run or verdict", path.display()))
+                CampaignError::Runtime(format!(
+                    "{}: has a row without run or verdict",
+                    path.display()
+                ))
             })
         });
         rows.map(|row| row.map(|row| (row.run, row))).collect()
@@ -349,14 +354,18 @@ impl Dataset {
             return Vec::new();
         };
         let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
-        let mut names: Vec<_> =
-            names.filter(|n| n.starts_with(&prefix) && n.ends_with(".jsonl")).collect();
+        let mut names: Vec<_> = names
+            .filter(|n| n.starts_with(&prefix) && n.ends_with(".jsonl"))
+            .collect();
         names.sort();
-        names.iter().map(|name| self.folder.join("journal").join(name)).collect()
+        names
+            .iter()
+            .map(|name| self.folder.join("journal").join(name))
+            .collect()
     }
 
     /// Removes what a killed process has left of a table that it wrote.
-    fn remove_drafts(&self) {
+    pub(super) fn remove_drafts(&self) {
         for kind in ["results", "wall_time", "series"] {
             let Ok(entries) = fs::read_dir(self.folder.join(kind)) else {
                 continue;
@@ -381,9 +390,9 @@ impl Dataset {
             if (rows.len() as u64) < expected {
                 return Ok(false);
             }
-            let times = rows.values().map(|row| {
-                vec![Cell::Integer(row.run as i64), Cell::Number(row.wall_time)]
-            });
+            let times = rows
+                .values()
+                .map(|row| vec![Cell::Integer(row.run as i64), Cell::Number(row.wall_time)]);
             let columns = [
                 Column {
                     name: "run".to_owned(),
@@ -394,8 +403,12 @@ impl Dataset {
                     kind: ColumnKind::Number,
                 },
             ];
-            table::write(&self.part("wall_time", chunk), &columns, &times.collect::<Vec<_>>())
-                .map_err(CampaignError::Runtime)?;
+            table::write(
+                &self.part("wall_time", chunk),
+                &columns,
+                &times.collect::<Vec<_>>(),
+            )
+            .map_err(CampaignError::Runtime)?;
             let cells = rows.into_values().map(|row| {
                 let mut cells = vec![
                     Cell::Integer(row.run as i64),
@@ -408,8 +421,12 @@ impl Dataset {
                 cells.push(Cell::Text(self.manifest.version.clone()));
                 cells
             });
-            table::write(&self.part("results", chunk), &self.columns(), &cells.collect::<Vec<_>>())
-                .map_err(CampaignError::Runtime)?;
+            table::write(
+                &self.part("results", chunk),
+                &self.columns(),
+                &cells.collect::<Vec<_>>(),
+            )
+            .map_err(CampaignError::Runtime)?;
         }
         for journal in journals {
             // Another process may have removed it.
@@ -437,7 +454,7 @@ fn difference(a: &Manifest, b: &Manifest) -> Option<&'static str> {
 }
 
 /// The whole rows of a journal, and the bytes that they take. A line that a kill or a full disk has cut off is none.
-fn read_journal(path: &Path) -> Result<(Vec<Row>, u64), CampaignError> {
+pub(super) fn read_journal(path: &Path) -> Result<(Vec<Row>, u64), CampaignError> {
     let mut text = Vec::new();
     match File::open(path).and_then(|mut file| file.read_to_end(&mut text)) {
         Ok(_) => {}
@@ -460,104 +477,4 @@ fn read_journal(path: &Path) -> Result<(Vec<Row>, u64), CampaignError> {
         length += line.len() as u64;
     }
     Ok((rows, length))
-}
-
-/// Adds the rows of a range of runs to a dataset.
-pub(super) struct RangeWriter<'a> {
-    dataset: &'a Dataset,
-    /// First and last run.
-    range: RangeInclusive<u64>,
-    /// Of the chunks that are not complete: the journal, and how many runs of the range are missing.
-    open: BTreeMap<u64, (Option<File>, u64)>,
-    /// Whether each run of the range is done.
-    done: Vec<bool>,
-    /// Held while this exists: nobody else computes the same range.
-    _lock: Option<File>,
-}
-
-impl<'a> RangeWriter<'a> {
-    /// Looks what is done already. If another process computes the same range, waits for its end.
-    pub fn new(dataset: &'a Dataset, range: RangeInclusive<u64>) -> Result<Self, CampaignError> {
-        let folder = dataset.folder.join("journal");
-        let runtime = |path: &Path, e: std::io::Error| {
-            CampaignError::Runtime(format!("{}: cannot be written: {e}", path.display()))
-        };
-        fs::create_dir_all(&folder).map_err(|e| runtime(&folder, e))?;
-        let path = folder.join(format!("{}-{}.lock", range.start(), range.end()));
-        let lock = File::create(&path).map_err(|e| runtime(&path, e))?;
-        // Not every file system has locks. Two processes would do the same work twice, with the same result.
-        let lock = lock.lock().is_ok().then_some(lock);
-        let size = dataset.manifest.chunk;
-        if range == (0..=dataset.manifest.runs - 1) {
-            dataset.remove_drafts();
-        }
-        let mut writer = Self {
-            dataset,
-            done: vec![false; (range.end() - range.start() + 1) as usize],
-            open: BTreeMap::new(),
-            _lock: lock,
-            range: range.clone(),
-        };
-        for chunk in range.start() / size..=range.end() / size {
-            let rows = dataset.rows_of(chunk)?;
-            let runs = dataset.runs_of(chunk);
-            let own = *runs.start().max(range.start())..=*runs.end().min(range.end());
-            let mut missing = 0;
-            for run in own {
-                let done = rows.contains_key(&run);
-                writer.done[(run - range.start()) as usize] = done;
-                missing += u64::from(!done);
-            }
-            if missing > 0 {
-                writer.open.insert(chunk, (None, missing));
-            } else {
-                dataset.complete(chunk)?;
-            }
-        }
-        Ok(writer)
-    }
-
-    /// The runs that are missing, by ascending number.
-    pub fn missing(&self) -> Vec<u64> {
-        let runs = self.range.clone().zip(&self.done);
-        runs.filter(|(_, done)| !**done).map(|(run, _)| run).collect()
-    }
-
-    /// Adds a row.
-    pub fn add(&mut self, row: &Row) -> Result<(), CampaignError> {
-        let chunk = row.run / self.dataset.manifest.chunk;
-        let name = format!(
-            "part-{chunk:06}.{}-{}.jsonl",
-            self.range.start(),
-            self.range.end()
-        );
-        let path = self.dataset.folder.join("journal").join(name);
-        let at = |e: std::io::Error| {
-            CampaignError::Runtime(format!("{}: cannot be written: {e}", path.display()))
-        };
-        let Some((journal, missing)) = self.open.get_mut(&chunk) else {
-            return Ok(());
-        };
-        let mut line = serde_json::to_vec(row).map_err(|e| at(e.into()))?;
-        line.push(b'\n');
-        let file = match journal {
-            Some(file) => file,
-            None => {
-                let whole = read_journal(&path)?.1;
-                let options = OpenOptions::new().create(true).truncate(false).write(true).open(&path);
-                let mut file = options.map_err(at)?;
-                // A line that was cut off.
-                file.set_len(whole).map_err(at)?;
-                file.seek(SeekFrom::End(0)).map_err(at)?;
-                journal.insert(file)
-            }
-        };
-        file.write_all(&line).map_err(at)?;
-        *missing -= 1;
-        if *missing == 0 {
-            self.open.remove(&chunk);
-            self.dataset.complete(chunk)?;
-        }
-        Ok(())
-    }
 }

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Campaign, CampaignError, Dataset,
-    dataset::RangeWriter,
+    range::RangeWriter,
     row::{Row, Verdict},
     run::too_long,
 };
@@ -239,7 +239,10 @@ impl WorkerProcess {
     }
 
     fn answer(&mut self, run: u64, limit: f64) -> Answer {
-        if writeln!(self.stdin, "{run}").and_then(|()| self.stdin.flush()).is_err() {
+        if writeln!(self.stdin, "{run}")
+            .and_then(|()| self.stdin.flush())
+            .is_err()
+        {
             return Answer::Ended;
         }
         let limit = Duration::try_from_secs_f64(limit).unwrap_or(Duration::MAX);
@@ -294,10 +297,9 @@ pub fn serve_worker(folder: &Path) -> Result<(), CampaignError> {
     });
     for run in runs {
         let reply = match run < campaign.runs() {
-            true => campaign.run_one(run, Some(folder)).map_or_else(
-                |e| Reply::Error(e.to_string()),
-                Reply::Row,
-            ),
+            true => campaign
+                .run_one(run, Some(folder))
+                .map_or_else(|e| Reply::Error(e.to_string()), Reply::Row),
             false => Reply::Error(format!("there is no run {run}")),
         };
         let line = serde_json::to_string(&reply);

@@ -293,7 +293,9 @@ impl CampaignFile {
     fn check(&self) -> Result<(), String> {
         let positive = |name: &str, value: f64| match value > 0.0 && value.is_finite() {
             true => Ok(()),
-            false => Err(format!("{name} is {value}; give a positive number of seconds")),
+            false => Err(format!(
+                "{name} is {value}; give a positive number of seconds"
+            )),
         };
         if let Some(duration) = self.duration {
             positive("duration", duration)?;

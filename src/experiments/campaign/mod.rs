@@ -10,12 +10,15 @@ mod engine;
 mod file;
 mod parameters;
 mod plots;
+mod range;
 mod results;
 mod row;
 mod run;
 mod series;
 mod summary;
 mod table;
+mod target;
+mod values;
 
 use std::path::{Path, PathBuf};
 
@@ -32,9 +35,10 @@ use crate::{
     },
     ros::ParameterValue,
 };
-use dispersion::{Building, Dispersion, fit, put_whole};
+use dispersion::{Building, Dispersion};
 use file::{Bags, CampaignFile};
 use parameters::{Changes, Parameters, Place, cell, column_kind};
+use values::{fit, put_whole};
 
 pub use dataset::{Dataset, Manifest};
 pub use engine::{Progress, RangeOptions, Workers, run_range, serve_worker};
@@ -132,9 +136,10 @@ impl Campaign {
         }
         refuse_overlaps(&dispersions, &nominal).map_err(at)?;
         let total = building.finish(&mut dispersions).map_err(at)?;
-        let runs = runs.or(file.runs).or(total).ok_or_else(|| {
-            at("runs is not given; say how many".to_owned())
-        })?;
+        let runs = runs
+            .or(file.runs)
+            .or(total)
+            .ok_or_else(|| at("runs is not given; say how many".to_owned()))?;
         let design = Design::new(file.sampling.into(), file.seed, runs, &building.coordinates);
         let design = design.map_err(|e| at(format!("sampling: {e}")))?;
 
@@ -150,15 +155,21 @@ impl Campaign {
             kind: column_kind(nominal.nominal(place)),
         });
         let parameters: Vec<_> = parameters.collect();
-        let dispersed = |seed: &Place| places.iter().any(|p| p.node == seed.node && p.parameter == seed.parameter);
+        let dispersed = |seed: &Place| {
+            places
+                .iter()
+                .any(|p| p.node == seed.node && p.parameter == seed.parameter)
+        };
         let fixed: Vec<Place> = (file.parameters.0.iter())
             .filter_map(|(name, _)| nominal.find(name).ok())
             .collect();
-        let seeds = nominal.seeds().into_iter().filter(|s| !dispersed(s) && !fixed.contains(s));
+        let seeds = nominal
+            .seeds()
+            .into_iter()
+            .filter(|s| !dispersed(s) && !fixed.contains(s));
 
         let first = first_result(&scenario)?;
-        let mut results =
-            results::columns(file.keep.results.as_deref(), &first).map_err(at)?;
+        let mut results = results::columns(file.keep.results.as_deref(), &first).map_err(at)?;
         let mut criteria = Vec::new();
         for text in &file.success {
             let criterion = Criterion::parse(text).map_err(at)?;
@@ -180,9 +191,13 @@ impl Campaign {
             criteria.push(criterion);
         }
         if let Some(column) = parameters.iter().chain(&results).find(|c| {
-            criteria.iter().any(|criterion| criterion.name() == c.name) && c.kind == ColumnKind::Text
+            criteria.iter().any(|criterion| criterion.name() == c.name)
+                && c.kind == ColumnKind::Text
         }) {
-            return Err(at(format!("success: {} is a text, which has no order", column.name)));
+            return Err(at(format!(
+                "success: {} is a text, which has no order",
+                column.name
+            )));
         }
         if let Some(series) = &file.keep.series {
             series::check(series, &scenario).map_err(at)?;
@@ -264,7 +279,9 @@ impl Campaign {
         let changes = self.changes(run);
         let cells = self.places.iter().map(|place| {
             let key = (place.node, place.parameter.clone());
-            let value = changes.get(&key).unwrap_or_else(|| self.nominal.nominal(place));
+            let value = changes
+                .get(&key)
+                .unwrap_or_else(|| self.nominal.nominal(place));
             cell(value, place.element)
         });
         cells.collect()
@@ -311,16 +328,24 @@ impl Campaign {
     }
 
     /// The value of a criterion's quantity in a run.
-    fn quantity(&self, criterion: &Criterion, parameters: &[Cell], results: &[Cell]) -> Option<f64> {
+    fn quantity(
+        &self,
+        criterion: &Criterion,
+        parameters: &[Cell],
+        results: &[Cell],
+    ) -> Option<f64> {
         let named = |(column, _): &(&Column, &Cell)| column.name == criterion.name();
-        let mut cells = (self.parameters.iter().zip(parameters))
-            .chain(self.results.iter().zip(results));
+        let mut cells =
+            (self.parameters.iter().zip(parameters)).chain(self.results.iter().zip(results));
         cells.find(named).and_then(|(_, cell)| cell.number())
     }
 }
 
 /// The scenario with what the campaign sets in all runs, and all its parameters.
-fn with_fixed(mut scenario: Scenario, file: &CampaignFile) -> Result<(Scenario, Parameters), String> {
+fn with_fixed(
+    mut scenario: Scenario,
+    file: &CampaignFile,
+) -> Result<(Scenario, Parameters), String> {
     let own = Parameters::of(&scenario)?;
     let mut changes = Changes::new();
     for (name, value) in &file.parameters.0 {

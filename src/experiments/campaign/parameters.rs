@@ -53,7 +53,12 @@ impl Parameters {
     /// The name of a node in dotted names: without a namespace if that is unique.
     fn node_name(&self, node: usize) -> String {
         let name = &self.nodes[node];
-        match self.nodes.iter().filter(|n| n.name() == name.name()).count() {
+        match self
+            .nodes
+            .iter()
+            .filter(|n| n.name() == name.name())
+            .count()
+        {
             1 => name.name().to_owned(),
             _ => name.full(),
         }
@@ -75,7 +80,9 @@ impl Parameters {
             true => node.full() == node_name,
             false => node.name() == node_name,
         };
-        let found: Vec<usize> = (0..self.nodes.len()).filter(|i| named(&self.nodes[*i])).collect();
+        let found: Vec<usize> = (0..self.nodes.len())
+            .filter(|i| named(&self.nodes[*i]))
+            .collect();
         let node = match found.as_slice() {
             [one] => *one,
             [] => {
@@ -85,7 +92,9 @@ impl Parameters {
                     || format!("it has {}", names.join(", ")),
                     |near| format!("did you mean {near}.{parameter}?"),
                 );
-                return Err(format!("parameter {name}: the scenario has no node {node_name}; {hint}"));
+                return Err(format!(
+                    "parameter {name}: the scenario has no node {node_name}; {hint}"
+                ));
             }
             several => {
                 let names: Vec<_> = several.iter().map(|i| self.nodes[*i].full()).collect();
@@ -104,7 +113,9 @@ impl Parameters {
                 },
                 |near| format!("did you mean {near}?"),
             );
-            return Err(format!("parameter {name}: node {node_name} has no such parameter; {hint}"));
+            return Err(format!(
+                "parameter {name}: node {node_name} has no such parameter; {hint}"
+            ));
         };
         let place = Place {
             node,

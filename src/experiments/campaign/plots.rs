@@ -25,7 +25,11 @@ const WEAKEST: f64 = 0.1;
 ///
 /// # Errors
 /// [`CampaignError`] if the dataset cannot be read or a picture not be written.
-pub fn plot(dataset: &Dataset, summary: &Summary, folder: &Path) -> Result<Vec<PathBuf>, CampaignError> {
+pub fn plot(
+    dataset: &Dataset,
+    summary: &Summary,
+    folder: &Path,
+) -> Result<Vec<PathBuf>, CampaignError> {
     let rows = dataset.rows()?;
     let runtime = |e: String| CampaignError::Runtime(e);
     std::fs::create_dir_all(folder)
@@ -48,7 +52,11 @@ pub fn plot(dataset: &Dataset, summary: &Summary, folder: &Path) -> Result<Vec<P
         let figure = success_rate(&rows, confidence, title("success rate"));
         keep(figure.save(&folder.join("success_rate")))?;
     }
-    for column in manifest.results.iter().filter(|c| c.kind != ColumnKind::Text) {
+    for column in manifest
+        .results
+        .iter()
+        .filter(|c| c.kind != ColumnKind::Text)
+    {
         let numbers = table.numbers(&column.name).unwrap_or_default();
         if let Some(figure) = distribution(&column.name, numbers, title("distribution")) {
             keep(figure.save(&folder.join(file_name(&["distribution", &column.name]))))?;
@@ -76,7 +84,9 @@ pub fn plot(dataset: &Dataset, summary: &Summary, folder: &Path) -> Result<Vec<P
 /// A name of a file from the names of columns.
 fn file_name(parts: &[&str]) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
-    let parts = parts.iter().map(|part| part.chars().map(plain).collect::<String>());
+    let parts = parts
+        .iter()
+        .map(|part| part.chars().map(plain).collect::<String>());
     let name = parts.collect::<Vec<_>>().join("-");
     name.replace("_-", "-").trim_end_matches('_').to_owned()
 }
@@ -98,7 +108,11 @@ fn success_rate(rows: &[Row], confidence: f64, title: String) -> Figure {
     for i in thinned(rows.len()) {
         let n = i as u64 + 1;
         let interval = success_interval(successes[i], n, confidence);
-        let values = [successes[i] as f64 / n as f64, interval.lower, interval.upper];
+        let values = [
+            successes[i] as f64 / n as f64,
+            interval.lower,
+            interval.upper,
+        ];
         for (curve, value) in curves.iter_mut().zip(values) {
             curve.push((n as f64, value));
         }
@@ -109,7 +123,10 @@ fn success_rate(rows: &[Row], confidence: f64, title: String) -> Figure {
         format!("{percent} % interval: lower"),
         format!("{percent} % interval: upper"),
     ];
-    let series = names.into_iter().zip(curves).map(|(name, points)| Series { name, points });
+    let series = names
+        .into_iter()
+        .zip(curves)
+        .map(|(name, points)| Series { name, points });
     Figure {
         title,
         x_label: "number of runs".to_owned(),
@@ -149,11 +166,17 @@ fn distribution(name: &str, mut numbers: Vec<f64>, title: String) -> Option<Figu
 /// Successes and other runs by different signs.
 fn marks(rows: &[Row], x: &[f64], y: &[f64]) -> Vec<Marks> {
     let of = |is_success: bool| {
-        let points = thinned(rows.len()).filter(|i| (rows[*i].verdict == Verdict::Success) == is_success);
+        let points =
+            thinned(rows.len()).filter(|i| (rows[*i].verdict == Verdict::Success) == is_success);
         points.map(|i| (x[i], y[i])).collect::<Vec<_>>()
     };
-    let kinds = [("success", Mark::Plus, of(true)), ("no success", Mark::Cross, of(false))];
-    let kinds = kinds.into_iter().filter(|(_, _, points)| !points.is_empty());
+    let kinds = [
+        ("success", Mark::Plus, of(true)),
+        ("no success", Mark::Cross, of(false)),
+    ];
+    let kinds = kinds
+        .into_iter()
+        .filter(|(_, _, points)| !points.is_empty());
     kinds
         .map(|(name, mark, points)| Marks {
             name: name.to_owned(),

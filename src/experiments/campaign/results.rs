@@ -178,7 +178,9 @@ impl Criterion {
     /// # Errors
     /// A line that says what would be right.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let wrong = || format!("success: '{text}' is no criterion; write it as in 'tip_position_error < 0.01'");
+        let wrong = || {
+            format!("success: '{text}' is no criterion; write it as in 'tip_position_error < 0.01'")
+        };
         let found = COMPARISONS.iter().find_map(|(sign, comparison)| {
             let (left, right) = text.split_once(sign)?;
             Some((left.trim(), right.trim(), *comparison))
@@ -292,7 +294,10 @@ mod tests {
     #[test]
     fn unknown_results_are_refused_with_a_hint() {
         let error = columns(Some(&["tip_positon_error".to_owned()]), &result()).unwrap_err();
-        assert!(error.contains("did you mean tip_position_error?"), "{error}");
+        assert!(
+            error.contains("did you mean tip_position_error?"),
+            "{error}"
+        );
         // Wall times are in a table of their own.
         assert!(columns(Some(&["wall_time".to_owned()]), &result()).is_err());
     }
@@ -314,8 +319,15 @@ mod tests {
             let criterion = Criterion::parse(text).unwrap();
             assert_eq!(criterion.is_met(value), met, "{text} {value:?}");
         }
-        for text in ["x", "x <", "< 1", "x < y", "x = 1", "x < inf", "a b < 1", ""] {
-            assert!(Criterion::parse(text).unwrap_err().contains("tip_position_error"), "{text}");
+        for text in [
+            "x", "x <", "< 1", "x < y", "x = 1", "x < inf", "a b < 1", "",
+        ] {
+            assert!(
+                Criterion::parse(text)
+                    .unwrap_err()
+                    .contains("tip_position_error"),
+                "{text}"
+            );
         }
     }
 }

@@ -58,7 +58,9 @@ impl Campaign {
         match outcome {
             Outcome::Result(result) => {
                 let cells = self.results.iter();
-                results = cells.map(|column| value(&result, &column.name, column.kind)).collect();
+                results = cells
+                    .map(|column| value(&result, &column.name, column.kind))
+                    .collect();
                 let missed = self.criteria.iter().find(|criterion| {
                     !criterion.is_met(self.quantity(criterion, &parameters, &results))
                 });
@@ -113,10 +115,13 @@ impl Campaign {
         series: Option<&Path>,
         bags: Option<&Path>,
     ) -> Outcome {
-        let unwinding =
-            catch_unwind(AssertUnwindSafe(|| self.simulate(run, scenario, series, bags)));
+        let unwinding = catch_unwind(AssertUnwindSafe(|| {
+            self.simulate(run, scenario, series, bags)
+        }));
         unwinding.unwrap_or_else(|payload| {
-            let text = payload.downcast_ref::<&str>().map(|text| (*text).to_owned());
+            let text = payload
+                .downcast_ref::<&str>()
+                .map(|text| (*text).to_owned());
             let text = text.or_else(|| payload.downcast_ref::<String>().cloned());
             Outcome::Panic(one_line(&text.unwrap_or_else(|| "panic".to_owned())))
         })
@@ -152,16 +157,17 @@ impl Campaign {
         };
         let mut is_late = false;
         let duration = simulation::duration_of(&fleet, None);
-        let observed = simulation::simulate(&mut fleet, duration, bag.as_mut(), |fleet, observed| {
-            if let Some(recorder) = &mut recorder {
-                recorder.see(fleet, observed);
-            }
-            is_late = start.elapsed() > limit;
-            match is_late {
-                true => Err(Stop::Watcher(String::new())),
-                false => Ok(()),
-            }
-        });
+        let observed =
+            simulation::simulate(&mut fleet, duration, bag.as_mut(), |fleet, observed| {
+                if let Some(recorder) = &mut recorder {
+                    recorder.see(fleet, observed);
+                }
+                is_late = start.elapsed() > limit;
+                match is_late {
+                    true => Err(Stop::Watcher(String::new())),
+                    false => Ok(()),
+                }
+            });
         if let Some(bag) = bag
             && let Err(e) = bag.finish()
         {

@@ -59,7 +59,8 @@ impl SeriesRecorder {
         let sample = sample(fleet, observed);
         let cells = self.columns[1..].iter();
         let cells = cells.map(|column| value(&sample, &column.name, column.kind));
-        self.rows.push(std::iter::once(Cell::Number(time)).chain(cells).collect());
+        self.rows
+            .push(std::iter::once(Cell::Number(time)).chain(cells).collect());
     }
 
     /// Writes what was sampled.
@@ -70,18 +71,26 @@ impl SeriesRecorder {
 
 /// The values that a series may have at a state: those of `final`, and the errors of the tip.
 fn sample(fleet: &Fleet, observed: &[Observed]) -> Value {
-    let robots = fleet.robots().zip(observed).map(|((namespace, closed_loop), observed)| {
-        let mut state = serde_json::to_value(FinalState::of(&closed_loop.world)).unwrap_or_default();
-        let [position, attitude] = observed.performance.tip_errors();
-        if let Value::Object(entries) = &mut state {
-            entries.insert("tip_position_error".to_owned(), json!(position));
-            entries.insert("tip_attitude_error".to_owned(), json!(attitude));
-        }
-        (namespace.to_owned(), state)
-    });
+    let robots = fleet
+        .robots()
+        .zip(observed)
+        .map(|((namespace, closed_loop), observed)| {
+            let mut state =
+                serde_json::to_value(FinalState::of(&closed_loop.world)).unwrap_or_default();
+            let [position, attitude] = observed.performance.tip_errors();
+            if let Value::Object(entries) = &mut state {
+                entries.insert("tip_position_error".to_owned(), json!(position));
+                entries.insert("tip_attitude_error".to_owned(), json!(attitude));
+            }
+            (namespace.to_owned(), state)
+        });
     let mut robots: serde_json::Map<String, Value> = robots.collect();
     match robots.len() {
-        1 => robots.values_mut().next().map(Value::take).unwrap_or_default(),
+        1 => robots
+            .values_mut()
+            .next()
+            .map(Value::take)
+            .unwrap_or_default(),
         _ => json!({ "robots": robots }),
     }
 }
@@ -99,7 +108,9 @@ pub(super) fn check(file: &SeriesFile, scenario: &Scenario) -> Result<(), String
     });
     stopped.map_err(|stop| stop.describe(scenario))?;
     let leaves = leaves(&first);
-    let numbers = leaves.iter().filter(|(_, kind)| **kind == ColumnKind::Number);
+    let numbers = leaves
+        .iter()
+        .filter(|(_, kind)| **kind == ColumnKind::Number);
     let names: Vec<&str> = numbers.map(|(name, _)| name.as_str()).collect();
     for name in &file.values {
         if !names.contains(&name.as_str()) {
@@ -107,7 +118,9 @@ pub(super) fn check(file: &SeriesFile, scenario: &Scenario) -> Result<(), String
                 || format!("there are {}", names.join(", ")),
                 |near| format!("did you mean {near}?"),
             );
-            return Err(format!("keep.series.values: a state has no number {name}; {hint}"));
+            return Err(format!(
+                "keep.series.values: a state has no number {name}; {hint}"
+            ));
         }
     }
     let samples = simulation::duration_of(&fleet, None) / file.period;

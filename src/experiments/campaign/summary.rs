@@ -207,12 +207,14 @@ fn reasons(rows: &[Row]) -> Vec<Reason> {
             entry.0 += 1;
         }
     }
-    let reasons = found.into_iter().map(|((verdict, reason), (count, first_run))| Reason {
-        verdict,
-        reason: reason.to_owned(),
-        count,
-        first_run,
-    });
+    let reasons = found
+        .into_iter()
+        .map(|((verdict, reason), (count, first_run))| Reason {
+            verdict,
+            reason: reason.to_owned(),
+            count,
+            first_run,
+        });
     let mut reasons: Vec<_> = reasons.collect();
     reasons.sort_by_key(|reason| (std::cmp::Reverse(reason.count), reason.first_run));
     reasons.truncate(MOST_REASONS);
@@ -237,7 +239,12 @@ impl Table<'_> {
             (None, None) => None,
         };
         in_parameters.or(in_results)?;
-        Some(self.rows.iter().map(|row| cell(row).unwrap_or(f64::NAN)).collect())
+        Some(
+            self.rows
+                .iter()
+                .map(|row| cell(row).unwrap_or(f64::NAN))
+                .collect(),
+        )
     }
 
     fn quantiles(&self) -> BTreeMap<String, Quantiles> {
@@ -266,9 +273,19 @@ impl Table<'_> {
     }
 
     /// Adds the runs with the largest excess. Runs without a simulation have their reasons listed.
-    fn rank(&self, by: &str, numbers: &[f64], excess: impl Fn(f64) -> f64, worst: &mut Vec<WorstRun>) {
+    fn rank(
+        &self,
+        by: &str,
+        numbers: &[f64],
+        excess: impl Fn(f64) -> f64,
+        worst: &mut Vec<WorstRun>,
+    ) {
         let simulated = |row: &Row| matches!(row.verdict, Verdict::Success | Verdict::Failure);
-        let ranked = self.rows.iter().zip(numbers).filter(|(row, _)| simulated(row));
+        let ranked = self
+            .rows
+            .iter()
+            .zip(numbers)
+            .filter(|(row, _)| simulated(row));
         let mut ranked: Vec<_> = ranked.map(|(row, x)| (excess(*x), row, *x)).collect();
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.run.cmp(&b.1.run)));
         worst.extend(ranked.into_iter().take(WORST).map(|(_, row, x)| WorstRun {
@@ -280,7 +297,10 @@ impl Table<'_> {
     }
 
     fn sensitivities(&self) -> Vec<Sensitivity> {
-        let verdicts = self.rows.iter().map(|row| f64::from(u8::from(row.verdict == Verdict::Success)));
+        let verdicts = self
+            .rows
+            .iter()
+            .map(|row| f64::from(u8::from(row.verdict == Verdict::Success)));
         let mut results = vec![(SUCCESS.to_owned(), verdicts.collect::<Vec<_>>())];
         for column in self.results.iter().filter(|c| c.kind != ColumnKind::Text) {
             if let Some(numbers) = self.numbers(&column.name) {
@@ -288,7 +308,11 @@ impl Table<'_> {
             }
         }
         let mut found = Vec::new();
-        for parameter in self.parameters.iter().filter(|c| c.kind != ColumnKind::Text) {
+        for parameter in self
+            .parameters
+            .iter()
+            .filter(|c| c.kind != ColumnKind::Text)
+        {
             let Some(inputs) = self.numbers(&parameter.name) else {
                 continue;
             };
@@ -308,4 +332,3 @@ impl Table<'_> {
         found
     }
 }
-

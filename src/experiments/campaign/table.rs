@@ -75,7 +75,9 @@ fn bytes(columns: &[Column], rows: &[Vec<Cell>]) -> Result<Vec<u8>, ParquetError
             .build()?;
         fields.push(Arc::new(field));
     }
-    let schema = Type::group_type_builder("run").with_fields(fields).build()?;
+    let schema = Type::group_type_builder("run")
+        .with_fields(fields)
+        .build()?;
     let properties = WriterProperties::builder()
         .set_compression(Compression::SNAPPY)
         .set_created_by(concat!("fuyu ", env!("CARGO_PKG_VERSION")).to_owned())
@@ -117,7 +119,9 @@ fn put<'a, T: DataType>(
     let values: Vec<T::T> = cells.into_iter().flatten().collect();
     let column = group.next_column()?;
     let mut column = column.ok_or_else(|| ParquetError::General("a column too many".into()))?;
-    column.typed::<T>().write_batch(&values, Some(&present), None)?;
+    column
+        .typed::<T>()
+        .write_batch(&values, Some(&present), None)?;
     column.close()
 }
 
@@ -130,7 +134,11 @@ pub(super) fn read(path: &Path) -> Result<(Vec<String>, Vec<Vec<Cell>>), String>
     let file = File::open(path).map_err(|e| at(e.to_string()))?;
     let reader = SerializedFileReader::new(file).map_err(|e| at(e.to_string()))?;
     let schema = reader.metadata().file_metadata().schema_descr();
-    let names = schema.columns().iter().map(|c| c.name().to_owned()).collect();
+    let names = schema
+        .columns()
+        .iter()
+        .map(|c| c.name().to_owned())
+        .collect();
     let mut rows = Vec::new();
     for row in reader.get_row_iter(None).map_err(|e| at(e.to_string()))? {
         let row = row.map_err(|e| at(e.to_string()))?;
@@ -152,16 +160,34 @@ mod tests {
 
     #[test]
     fn a_table_survives_the_file_and_has_the_same_bytes_each_time() {
-        let kinds = [ColumnKind::Number, ColumnKind::Integer, ColumnKind::Bool, ColumnKind::Text];
+        let kinds = [
+            ColumnKind::Number,
+            ColumnKind::Integer,
+            ColumnKind::Bool,
+            ColumnKind::Text,
+        ];
         let columns: Vec<_> = kinds
             .into_iter()
             .enumerate()
-            .map(|(i, kind)| Column { name: format!("a.b[{i}]"), kind })
+            .map(|(i, kind)| Column {
+                name: format!("a.b[{i}]"),
+                kind,
+            })
             .collect();
         let rows = vec![
-            vec![Cell::Number(0.1), Cell::Integer(1 << 60), Cell::Bool(true), Cell::Text("ä".into())],
+            vec![
+                Cell::Number(0.1),
+                Cell::Integer(1 << 60),
+                Cell::Bool(true),
+                Cell::Text("ä".into()),
+            ],
             vec![Cell::Null, Cell::Null, Cell::Null, Cell::Null],
-            vec![Cell::Number(f64::INFINITY), Cell::Integer(-1), Cell::Bool(false), Cell::Text(String::new())],
+            vec![
+                Cell::Number(f64::INFINITY),
+                Cell::Integer(-1),
+                Cell::Bool(false),
+                Cell::Text(String::new()),
+            ],
         ];
         let folder = tempfile::tempdir().unwrap();
         let paths = ["a", "b"].map(|name| folder.path().join(name));
@@ -170,8 +196,15 @@ mod tests {
         }
         assert_eq!(fs::read(&paths[0]).unwrap(), fs::read(&paths[1]).unwrap());
         let (names, again) = read(&paths[0]).unwrap();
-        assert_eq!(names, columns.iter().map(|c| c.name.clone()).collect::<Vec<_>>());
+        assert_eq!(
+            names,
+            columns.iter().map(|c| c.name.clone()).collect::<Vec<_>>()
+        );
         assert_eq!(again, rows);
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2, "drafts remain");
+        assert_eq!(
+            fs::read_dir(folder.path()).unwrap().count(),
+            2,
+            "drafts remain"
+        );
     }
 }

@@ -39,8 +39,10 @@ keep: {results: [tip_position_error, 'final.base_position[0]']}
 
 #[test]
 fn a_run_depends_on_seed_and_number_only() {
-
-    let (a, b) = (campaign(50, 1.0, DISPERSIONS).unwrap(), campaign(50, 1.0, DISPERSIONS).unwrap());
+    let (a, b) = (
+        campaign(50, 1.0, DISPERSIONS).unwrap(),
+        campaign(50, 1.0, DISPERSIONS).unwrap(),
+    );
     let forwards: Vec<_> = (0..50).map(|run| numbers(&a, run)).collect();
     for run in (0..50).rev() {
         assert_eq!(numbers(&b, run), forwards[run as usize]);
@@ -78,7 +80,6 @@ fn a_run_depends_on_seed_and_number_only() {
 
 #[test]
 fn a_run_is_that_of_its_printed_scenario_to_the_bit() {
-
     let campaign = campaign(20, 1.0, DISPERSIONS).unwrap();
     for run in [3, 17] {
         let row = campaign.run_one(run, None).unwrap();
@@ -90,9 +91,16 @@ fn a_run_is_that_of_its_printed_scenario_to_the_bit() {
         let observed = simulation::simulate(&mut fleet, duration, None, |_, _| Ok(())).unwrap();
         let summaries = simulation::summaries(&fleet, &observed, 0.0);
         let result = simulation::results(&fleet, &observed, &summaries).unwrap();
-        let again = [&result["tip_position_error"], &result["final"]["base_position"][0]];
+        let again = [
+            &result["tip_position_error"],
+            &result["final"]["base_position"][0],
+        ];
         let again = again.map(|value| value.as_f64().unwrap().to_bits());
-        let bits: Vec<_> = row.results.iter().map(|c| c.number().unwrap().to_bits()).collect();
+        let bits: Vec<_> = row
+            .results
+            .iter()
+            .map(|c| c.number().unwrap().to_bits())
+            .collect();
         assert_eq!(bits, again);
         assert_eq!(row.verdict, Verdict::Success);
     }
@@ -103,7 +111,12 @@ fn seeds_of_sensors_differ_between_runs_and_between_sensors() {
     let campaign = campaign(10, 1.0, "").unwrap();
     let seed = |run, node: &str, name: &str| {
         let scenario = campaign.scenario_of(run);
-        let node = scenario.nodes().iter().find(|n| n.name() == node).unwrap().clone();
+        let node = scenario
+            .nodes()
+            .iter()
+            .find(|n| n.name() == node)
+            .unwrap()
+            .clone();
         scenario.declared(&node).unwrap()[name].clone()
     };
     assert_ne!(seed(0, "camera", "seed"), seed(1, "camera", "seed"));
@@ -133,8 +146,13 @@ dispersions:
 ";
     let scenario = resource::resolve("package://fuyu/config/positioning.yaml").unwrap();
     let text_of_scenario = scenario.text(LARGEST_YAML).unwrap();
-    let campaign =
-        Campaign::new("t.yaml".into(), text.to_owned(), scenario.path(), text_of_scenario, None);
+    let campaign = Campaign::new(
+        "t.yaml".into(),
+        text.to_owned(),
+        scenario.path(),
+        text_of_scenario,
+        None,
+    );
     let campaign = campaign.unwrap();
     assert_eq!(campaign.runs(), 12);
     let rows: Vec<_> = (0..12).map(|run| campaign.parameters_of(run)).collect();
@@ -150,28 +168,85 @@ dispersions:
 #[test]
 fn wrong_campaigns_are_refused_with_a_hint() {
     for (lines, expected) in [
-        ("dispersions: {controller.kp: {normal: {sigma: 1.0}}}", "did you mean controller.k_p?"),
-        ("dispersions: {contoller.k_p: {normal: {sigma: 1.0}}}", "did you mean controller.k_p?"),
-        ("dispersions: {k_p: {normal: {sigma: 1.0}}}", "NODE.PARAMETER"),
-        ("dispersions: {controller.k_p: {normal: {sigma: -1.0}}}", "sigma is -1"),
-        ("dispersions: {controller.k_p: {uniform: {min: 2.0, max: 1.0}}}", "min must be below max"),
-        ("dispersions: {controller.k_p: {gaussian: {sigma: 1.0}}}", "gaussian"),
+        (
+            "dispersions: {controller.kp: {normal: {sigma: 1.0}}}",
+            "did you mean controller.k_p?",
+        ),
+        (
+            "dispersions: {contoller.k_p: {normal: {sigma: 1.0}}}",
+            "did you mean controller.k_p?",
+        ),
+        (
+            "dispersions: {k_p: {normal: {sigma: 1.0}}}",
+            "NODE.PARAMETER",
+        ),
+        (
+            "dispersions: {controller.k_p: {normal: {sigma: -1.0}}}",
+            "sigma is -1",
+        ),
+        (
+            "dispersions: {controller.k_p: {uniform: {min: 2.0, max: 1.0}}}",
+            "min must be below max",
+        ),
+        (
+            "dispersions: {controller.k_p: {gaussian: {sigma: 1.0}}}",
+            "gaussian",
+        ),
         ("dispersions: {controller.k_p: {apply: add}}", "give one of"),
-        ("dispersions: {controller.k_p: {integers: {min: 1, max: 2}, list: [1.0]}}", "list and integers are given"),
-        ("dispersions: {controller.law: {normal: {sigma: 1.0}}}", "use list, grid or choice"),
-        ("dispersions: {camera.seed: {uniform: {min: 0.0, max: 9.0}}}", "use integers"),
-        ("dispersions: {controller.k_p: {rotation: {}}}", "a quaternion"),
-        ("dispersions: {camera.goal.position: {normal: {sigma: [1.0, 2.0]}}}", "the parameter has 3"),
-        ("dispersions: {'camera.goal.position[3]': {normal: {sigma: 1.0}}}", "has 3 elements"),
-        ("dispersions: {dynamics.initial_joint_velocities: {normal: {sigma: 1.0}}}", "is empty"),
-        ("dispersions: {camera.goal.position: {normal: {sigma: 1.0}}, 'camera.goal.position[0]': {normal: {sigma: 1.0}}}", "dispersed twice"),
-        ("correlated: [{parameters: [controller.k_p, controller.k_o], covariance: [[1.0, 2.0], [2.0, 1.0]]}]", "positive semidefinite"),
+        (
+            "dispersions: {controller.k_p: {integers: {min: 1, max: 2}, list: [1.0]}}",
+            "list and integers are given",
+        ),
+        (
+            "dispersions: {controller.law: {normal: {sigma: 1.0}}}",
+            "use list, grid or choice",
+        ),
+        (
+            "dispersions: {camera.seed: {uniform: {min: 0.0, max: 9.0}}}",
+            "use integers",
+        ),
+        (
+            "dispersions: {controller.k_p: {rotation: {}}}",
+            "a quaternion",
+        ),
+        (
+            "dispersions: {camera.goal.position: {normal: {sigma: [1.0, 2.0]}}}",
+            "the parameter has 3",
+        ),
+        (
+            "dispersions: {'camera.goal.position[3]': {normal: {sigma: 1.0}}}",
+            "has 3 elements",
+        ),
+        (
+            "dispersions: {dynamics.initial_joint_velocities: {normal: {sigma: 1.0}}}",
+            "is empty",
+        ),
+        (
+            "dispersions: {camera.goal.position: {normal: {sigma: 1.0}}, 'camera.goal.position[0]': {normal: {sigma: 1.0}}}",
+            "dispersed twice",
+        ),
+        (
+            "correlated: [{parameters: [controller.k_p, controller.k_o], covariance: [[1.0, 2.0], [2.0, 1.0]]}]",
+            "positive semidefinite",
+        ),
         ("parameters: {controller.k_p: big}", "expected a double"),
-        ("keep: {results: [tip_positon_error]}", "did you mean tip_position_error?"),
-        ("keep: {series: {period: 1.0, values: [q.joint_9]}}", "keep.series.values"),
-        ("keep: {series: {period: 0.0, values: []}}", "keep.series.period"),
+        (
+            "keep: {results: [tip_positon_error]}",
+            "did you mean tip_position_error?",
+        ),
+        (
+            "keep: {series: {period: 1.0, values: [q.joint_9]}}",
+            "keep.series.values",
+        ),
+        (
+            "keep: {series: {period: 0.0, values: []}}",
+            "keep.series.period",
+        ),
         ("success: ['tip_position_error << 1']", "no criterion"),
-        ("success: ['tip_error < 1']", "a run has no result tip_error"),
+        (
+            "success: ['tip_error < 1']",
+            "a run has no result tip_error",
+        ),
         ("time_limit: -1.0", "time_limit is -1"),
         ("samplig: sobol", "samplig"),
     ] {
@@ -194,7 +269,9 @@ fn the_success_interval_contains_a_known_probability() {
     let criterion = &base.criteria()[0];
     for part in 0..200 {
         let runs = part * 100..(part + 1) * 100;
-        let met = runs.filter(|run| criterion.is_met(Some(numbers(&base, *run)[0]))).count();
+        let met = runs
+            .filter(|run| criterion.is_met(Some(numbers(&base, *run)[0])))
+            .count();
         let interval = fuyu_campaign::success_interval(met as u64, 100, 0.95);
         contained += u32::from((interval.lower..=interval.upper).contains(&0.9));
     }
@@ -218,13 +295,26 @@ fn what_goes_wrong_in_a_run_is_a_row() {
     run_range(&campaign, &dataset, 0..=2, &options(2), |_| {}).unwrap();
     let rows = dataset.rows().unwrap();
     assert_eq!(rows[0].verdict, Verdict::Failure);
-    assert_eq!(rows[0].reason.as_deref(), Some("tip_position_error < 1.0e-9"));
+    assert_eq!(
+        rows[0].reason.as_deref(),
+        Some("tip_position_error < 1.0e-9")
+    );
     assert_eq!(rows[1].verdict, Verdict::Error);
     let reason = rows[1].reason.as_deref().unwrap();
-    assert!(reason.contains("dropout") && reason.contains("out of range"), "{reason}");
+    assert!(
+        reason.contains("dropout") && reason.contains("out of range"),
+        "{reason}"
+    );
     assert_eq!(rows[1].parameters, [Cell::Number(2.0)]);
     let summary = Summary::of(&dataset, 0.95).unwrap();
-    assert_eq!((summary.completed, summary.verdicts["error"], summary.verdicts["failure"]), (3, 1, 2));
+    assert_eq!(
+        (
+            summary.completed,
+            summary.verdicts["error"],
+            summary.verdicts["failure"]
+        ),
+        (3, 1, 2)
+    );
     assert_eq!(summary.success_rate, Some(0.0));
 }
 
@@ -233,7 +323,10 @@ fn a_run_beyond_its_time_is_a_row() {
     let campaign = campaign(2, 60.0, "time_limit: 1.0e-6").unwrap();
     let row = campaign.run_one(1, None).unwrap();
     assert_eq!(row.verdict, Verdict::Timeout);
-    assert_eq!(row.reason.as_deref(), Some("exceeded the time limit of 0.000001 s"));
+    assert_eq!(
+        row.reason.as_deref(),
+        Some("exceeded the time limit of 0.000001 s")
+    );
 }
 
 /// An executable that is no worker.
@@ -247,7 +340,11 @@ fn worker(folder: &Path, script: &str) -> Workers {
 #[test]
 fn a_process_that_hangs_or_dies_is_a_row() {
     for (script, verdict, reason) in [
-        ("exec sleep 600", Verdict::Timeout, "exceeded the time limit of 0.1 s"),
+        (
+            "exec sleep 600",
+            Verdict::Timeout,
+            "exceeded the time limit of 0.1 s",
+        ),
         ("read run; kill -11 $$", Verdict::Crash, "signal: 11"),
         ("read run; exit 3", Verdict::Crash, "exit status: 3"),
     ] {
@@ -261,7 +358,10 @@ fn a_process_that_hangs_or_dies_is_a_row() {
         run_range(&campaign, &dataset, 0..=0, &options, |_| {}).unwrap();
         let rows = dataset.rows().unwrap();
         assert_eq!(rows[0].verdict, verdict, "{rows:?}");
-        assert!(rows[0].reason.as_deref().unwrap().contains(reason), "{rows:?}");
+        assert!(
+            rows[0].reason.as_deref().unwrap().contains(reason),
+            "{rows:?}"
+        );
     }
 }
 
@@ -270,7 +370,10 @@ fn bytes(dataset: &Dataset) -> Vec<(String, Vec<u8>)> {
     let files = fs::read_dir(dataset.folder().join("results")).unwrap();
     let read = files.map(|file| {
         let file = file.unwrap();
-        (file.file_name().into_string().unwrap(), fs::read(file.path()).unwrap())
+        (
+            file.file_name().into_string().unwrap(),
+            fs::read(file.path()).unwrap(),
+        )
     });
     let mut all: Vec<_> = read.collect();
     all.sort();
@@ -279,7 +382,6 @@ fn bytes(dataset: &Dataset) -> Vec<(String, Vec<u8>)> {
 
 #[test]
 fn ranges_order_and_threads_do_not_change_the_dataset() {
-
     let campaign = campaign(300, 0.02, DISPERSIONS).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let dataset = |name: &str| Dataset::create(&campaign, &folder.path().join(name)).unwrap();
@@ -296,7 +398,10 @@ fn ranges_order_and_threads_do_not_change_the_dataset() {
     assert_eq!(bytes(&whole).len(), 2);
     assert_eq!(bytes(&whole), bytes(&parts));
     let rows = whole.rows().unwrap();
-    assert_eq!(rows.iter().map(|row| row.run).collect::<Vec<_>>(), (0..300).collect::<Vec<_>>());
+    assert_eq!(
+        rows.iter().map(|row| row.run).collect::<Vec<_>>(),
+        (0..300).collect::<Vec<_>>()
+    );
 }
 
 #[test]
@@ -323,10 +428,21 @@ fn a_campaign_can_grow_and_a_latin_hypercube_cannot() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let grown = |runs, sampling: &str, out: &Path| {
-        let lines = format!("sampling: {sampling}\ndispersions: {{controller.k_p: {{uniform: {{min: 70.0, max: 80.0}}}}}}");
+        let lines = format!(
+            "sampling: {sampling}\ndispersions: {{controller.k_p: {{uniform: {{min: 70.0, max: 80.0}}}}}}"
+        );
         let small = campaign(10, 0.02, &lines).unwrap();
-        let scenario = (small.scenario.path().to_owned(), small.scenario_text.clone());
-        let large = Campaign::new(small.path.clone(), small.text.clone(), scenario.0, scenario.1, Some(runs));
+        let scenario = (
+            small.scenario.path().to_owned(),
+            small.scenario_text.clone(),
+        );
+        let large = Campaign::new(
+            small.path.clone(),
+            small.text.clone(),
+            scenario.0,
+            scenario.1,
+            Some(runs),
+        );
         let large = large.unwrap();
         Dataset::create(&large, out).map(|dataset| (large, dataset))
     };
@@ -341,7 +457,10 @@ fn a_campaign_can_grow_and_a_latin_hypercube_cannot() {
     assert!(other.contains("another text"), "{other}");
     let cube = folder.path().join("cube");
     grown(4, "latin_hypercube", &cube).unwrap();
-    let error = grown(10, "latin_hypercube", &cube).map(drop).unwrap_err().to_string();
+    let error = grown(10, "latin_hypercube", &cube)
+        .map(drop)
+        .unwrap_err()
+        .to_string();
     assert!(error.contains("cannot grow"), "{error}");
 }
 

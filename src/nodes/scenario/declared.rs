@@ -57,7 +57,10 @@ impl Scenario {
     /// # Errors
     /// If a parameter file of the command line cannot be read.
     pub fn to_text(&self, declared: &[Declared]) -> Result<String, String> {
-        let folder = self.path.parent().and_then(|folder| folder.canonicalize().ok());
+        let folder = self
+            .path
+            .parent()
+            .and_then(|folder| folder.canonicalize().ok());
         let mut text = String::new();
         for (node, declared) in self.nodes.iter().zip(declared) {
             let overrides = self.args.overrides(node, node.name());
@@ -84,7 +87,9 @@ impl Scenario {
 /// The value, or the path of the file that it names in `folder`.
 fn absolute(folder: Option<&Path>, value: &ParameterValue) -> ParameterValue {
     let resolve = |text: &String| {
-        let path = folder.filter(|_| !text.contains("://")).map(|f| f.join(text));
+        let path = folder
+            .filter(|_| !text.contains("://"))
+            .map(|f| f.join(text));
         match path {
             Some(path) if !text.is_empty() && path.exists() => path.display().to_string(),
             _ => text.clone(),
@@ -155,10 +160,17 @@ mod tests {
              camera:\n  ros__parameters: {goal: {position: [1.0, 2.0, 3.0]}}\n",
         );
         original.set("camera", "rate", ParameterValue::Double(1.0 / 3.0));
-        original.set("camera", "tip_link", ParameterValue::String("a \"b\": c\u{e9}\u{7f}".into()));
+        original.set(
+            "camera",
+            "tip_link",
+            ParameterValue::String("a \"b\": c\u{e9}\u{7f}".into()),
+        );
         let again = scenario(&text_of(&original));
         for node in original.nodes() {
-            assert_eq!(original.declared(node).unwrap(), again.declared(node).unwrap());
+            assert_eq!(
+                original.declared(node).unwrap(),
+                again.declared(node).unwrap()
+            );
         }
         assert_eq!(text_of(&original), text_of(&again));
     }
@@ -167,7 +179,10 @@ mod tests {
     fn defaults_are_declared_and_unknown_parameters_refused() {
         let ours = scenario("dynamics:\n  ros__parameters: {}\n");
         let declared = ours.declared(&ours.nodes()[0]).unwrap();
-        assert_eq!(declared["urdf"], ParameterValue::String("package://fuyu/urdf/servicer.urdf".into()));
+        assert_eq!(
+            declared["urdf"],
+            ParameterValue::String("package://fuyu/urdf/servicer.urdf".into())
+        );
         let wrong = scenario("dynamics:\n  ros__parameters: {time_stop: 1.0}\n");
         let error = wrong.declared(&wrong.nodes()[0]).unwrap_err();
         assert!(error.contains("did you mean time_step?"), "{error}");
