@@ -48,13 +48,17 @@ pub(super) fn check(address: &str) -> Result<(), Failure> {
 }
 
 /// Runs the Python package until all runs are done.
-pub(super) fn run(address: &str, config: &str, dataset: &Dataset) -> Result<(), Failure> {
+pub(super) fn run(address: &str, dataset: &Dataset) -> Result<(), Failure> {
     let runtime = |e: String| Failure::Runtime(format!("--engine dask: {e}"));
     let executable = std::env::current_exe().map_err(|e| runtime(e.to_string()))?;
+    // Workers may have other working directories.
+    let folder = dataset.folder().canonicalize();
+    let folder = folder.unwrap_or_else(|_| dataset.folder().to_owned());
     let status = Command::new("python3")
         .args(["-m", MODULE, address])
-        .arg(dataset.folder())
-        .args(["--campaign", config])
+        .arg(folder)
+        .arg("--campaign")
+        .arg(&dataset.manifest().campaign_path)
         .args(["--runs", &dataset.manifest().runs.to_string()])
         .args(["--chunk", &dataset.manifest().chunk.to_string()])
         .arg("--fuyu")

@@ -112,7 +112,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let (Engine::Dask, Some(address)) = (args.engine, &args.address) {
         dask::check(address)?;
         let dataset = Dataset::create(&campaign, &args.output)?;
-        dask::run(address, &args.config, &dataset)?;
+        dask::run(address, &dataset)?;
     } else {
         let dataset = Dataset::create(&campaign, &args.output)?;
         let options = RangeOptions {
