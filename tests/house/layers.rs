@@ -58,7 +58,8 @@ const LAYERS: [(&str, &[Layer]); 6] = [
         &[
             ("random", &[]),
             ("normal", &[]),
-            ("statistics", &[]),
+            ("beta", &[]),
+            ("statistics", &["beta"]),
             ("rotation", &[]),
             ("sobol", &["random"]),
             ("covariance", &["normal"]),

@@ -17,6 +17,7 @@
 //! # Ok::<(), fuyu_campaign::SamplingError>(())
 //! ```
 
+mod beta;
 mod covariance;
 mod design;
 mod distribution;

@@ -1,6 +1,6 @@
 //! Statistics of results.
 
-use statrs::function::beta::{beta_reg, inv_beta_reg};
+use crate::beta::{incomplete_beta, inverse_incomplete_beta};
 
 /// A confidence interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,11 +23,11 @@ pub fn success_interval(successes: u64, trials: u64, confidence: f64) -> Interva
     Interval {
         lower: match successes {
             0 => 0.0,
-            _ => inv_beta_reg(k, n - k + 1.0, tail),
+            _ => inverse_incomplete_beta(k, n - k + 1.0, tail),
         },
         upper: match trials - successes {
             0 => 1.0,
-            _ => inv_beta_reg(k + 1.0, n - k, 1.0 - tail),
+            _ => inverse_incomplete_beta(k + 1.0, n - k, 1.0 - tail),
         },
     }
 }
@@ -92,7 +92,7 @@ pub fn spearman(x: &[f64], y: &[f64]) -> Option<RankCorrelation> {
     // Of Student's t with n - 2 degrees of freedom: t² = (n - 2) rho² / (1 - rho²).
     let p_value = match rho.abs() {
         1.0 => 0.0,
-        _ => beta_reg(0.5 * (n - 2.0), 0.5, 1.0 - rho * rho),
+        _ => incomplete_beta(0.5 * (n - 2.0), 0.5, 1.0 - rho * rho),
     };
     Some(RankCorrelation {
         rho,
