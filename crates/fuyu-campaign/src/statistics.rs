@@ -89,11 +89,10 @@ pub fn spearman(x: &[f64], y: &[f64]) -> Option<RankCorrelation> {
         return None;
     }
     let rho = (xy / (xx * yy).sqrt()).clamp(-1.0, 1.0);
-    // Of Student's t with n - 2 degrees of freedom: t² = (n - 2) rho² / (1 - rho²).
-    let p_value = match rho.abs() {
-        1.0 => 0.0,
-        _ => incomplete_beta(0.5 * (n - 2.0), 0.5, 1.0 - rho * rho),
-    };
+    // Of Student's t with n - 2 degrees of freedom: t² = (n - 2) rho² / (1 - rho²). No value is rarer than the two in the same
+    // and in the opposite order, of n! orders.
+    let students = incomplete_beta(0.5 * (n - 2.0), 0.5, 1.0 - rho * rho);
+    let p_value = students.max(2.0 * libm::exp(-libm::lgamma(n + 1.0)));
     Some(RankCorrelation {
         rho,
         p_value,
@@ -211,6 +210,9 @@ mod tests {
         );
         let monotonic: Vec<f64> = x.iter().map(|x| x.powi(3)).collect();
         assert_eq!(spearman(&x, &monotonic).unwrap().rho, 1.0);
+        // Of 24 orders of four values, two are monotonic.
+        let four = spearman(&x[..4], &monotonic[..4]).unwrap();
+        assert!((four.p_value - 2.0 / 24.0).abs() < 1e-12, "{four:?}");
         assert_eq!(spearman(&x, &[1.0; 10]), None);
         assert_eq!(spearman(&[1.0, f64::NAN, 2.0], &[1.0, 2.0, 3.0]), None);
     }
