@@ -1,6 +1,7 @@
 //! The `fuyu` command line: one file per command, with its `Args` and `run`.
 
 mod bag;
+mod campaign;
 mod estimate;
 mod files;
 mod inspect;
@@ -33,6 +34,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Bag(bag::Args),
+    Campaign(campaign::Args),
     Estimate(estimate::Args),
     Files(files::Args),
     Inspect(inspect::Args),
@@ -49,6 +51,7 @@ impl Command {
             Self::Launch(args) => launch::run(&args, ros_args),
             Self::Bag(args) => bag::run(args, ros_args),
             _ if !ros_args.is_empty() => Err(no_ros_args()),
+            Self::Campaign(args) => campaign::run(args),
             Self::Estimate(args) => estimate::run(&args),
             Self::Files(args) => files::run(&args),
             Self::Inspect(args) => inspect::run(args),

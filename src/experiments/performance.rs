@@ -104,6 +104,14 @@ impl Performance {
         }
     }
 
+    /// Distance \[m\] and angle \[rad\] of the tip from the goal at the last state; `None` where there is none.
+    pub fn tip_errors(&self) -> [Option<f64>; 2] {
+        [
+            self.last_error.map(|e| e.0),
+            self.last_error.and_then(|e| e.1),
+        ]
+    }
+
     /// Adds a state with the efforts that act after it.
     pub fn see(&mut self, world: &mut World, moment: &Moment) {
         self.time = world.time();

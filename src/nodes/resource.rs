@@ -242,11 +242,13 @@ fn embedded(path: &str) -> Option<Resource> {
     })
 }
 
-/// The embedded files: their paths, such as `config/servicing.yaml`, and contents.
+/// The embedded files, in folders and one folder deeper: their paths, such as `config/servicing.yaml`, and contents.
 pub fn embedded_files() -> impl Iterator<Item = (String, &'static [u8])> {
     EMBEDDED.iter().flat_map(|(folder, dir)| {
         let name = move |file: &include_dir::File| format!("{folder}/{}", file.path().display());
-        dir.files().map(move |f| (name(f), f.contents()))
+        let below = dir.dirs().flat_map(Dir::files);
+        let files = dir.files().chain(below);
+        files.map(move |f| (name(f), f.contents()))
     })
 }
 
@@ -345,9 +347,12 @@ mod tests {
     fn every_file_of_the_package_is_embedded() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
         let mut count = 0;
-        for folder in ["config", "launch", "urdf", "views"] {
+        for folder in ["config", "config/campaigns", "launch", "urdf", "views"] {
             for entry in root.join(folder).read_dir().unwrap() {
                 let path = entry.unwrap().path();
+                if path.is_dir() {
+                    continue;
+                }
                 let name = format!("{folder}/{}", path.file_name().unwrap().display());
                 let Some(Resource::Embedded { bytes, .. }) = embedded(&name) else {
                     panic!("{name} is not embedded");

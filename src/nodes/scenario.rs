@@ -1,5 +1,6 @@
 //! Scenarios: ROS 2 parameter files that name the nodes of a run.
 
+mod declared;
 mod several_robots;
 
 use std::{
@@ -31,6 +32,7 @@ use crate::{
     },
 };
 
+pub use declared::Declared;
 pub use several_robots::OtherBody;
 
 /// A parameter file with the ROS arguments of the command line.
@@ -49,9 +51,15 @@ impl Scenario {
     /// A line with file, line and field.
     pub fn read(name: &str) -> Result<Self, String> {
         let found = resource::resolve(name)?;
-        let path = found.path();
-        let text = found.text(LARGEST_YAML)?;
-        let file = ParamsFile::parse(&path, &text).map_err(|e| e.to_string())?;
+        Self::parse(found.path(), &found.text(LARGEST_YAML)?)
+    }
+
+    /// Reads `text`, which errors will call `path`. Files that it names are relative to the folder of `path`.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn parse(path: PathBuf, text: &str) -> Result<Self, String> {
+        let file = ParamsFile::parse(&path, text).map_err(|e| e.to_string())?;
         let nodes = file.nodes();
         if nodes.is_empty() {
             return Err(format!(
@@ -367,12 +375,21 @@ impl Scenario {
         name: &NodeName,
         declare: impl FnOnce(&mut Declare) -> Result<T, String>,
     ) -> Result<T, String> {
+        self.store_of(name, declare).map(|(value, _)| value)
+    }
+
+    /// The same with all parameters of the node.
+    fn store_of<T>(
+        &self,
+        name: &NodeName,
+        declare: impl FnOnce(&mut Declare) -> Result<T, String>,
+    ) -> Result<(T, Arc<ParameterStore>), String> {
         let overrides = self
             .args
             .overrides(name, name.name())
             .map_err(|e| e.to_string())?;
         let store = Arc::new(ParameterStore::new(name.clone(), overrides));
-        let mut declaring = Declare::new(store);
+        let mut declaring = Declare::new(Arc::clone(&store));
         declaring
             .param(USE_SIM_TIME, false, "Take the time from /clock")
             .value();
@@ -380,7 +397,8 @@ impl Scenario {
         declaring
             .finish()
             .map_err(|e| self.with_place(&e.to_string()))?;
-        declared.map_err(|e| format!("{}: node {name}: {e}", self.path.display()))
+        let value = declared.map_err(|e| format!("{}: node {name}: {e}", self.path.display()))?;
+        Ok((value, store))
     }
 
     /// Error lines with a place: what is not given has no line in the file, only the file.

@@ -3,6 +3,7 @@
 mod articulated_targets;
 mod attitude;
 mod bad_urdf;
+mod campaign;
 mod control;
 mod elastic_links;
 mod estimate;

@@ -10,7 +10,7 @@ use crate::sources::{PACKAGES, root, rust_files, sources};
 type Layer = (&'static str, &'static [&'static str]);
 
 /// The modules of each package, the lowest first.
-const LAYERS: [(&str, &[Layer]); 5] = [
+const LAYERS: [(&str, &[Layer]); 6] = [
     (
         "fuyu-physics",
         &[
@@ -51,6 +51,20 @@ const LAYERS: [(&str, &[Layer]); 5] = [
             ("structure", &["matrix"]),
             ("proof_mass", &["matrix", "structure"]),
             ("kida1993", &["matrix", "margins", "shaped_lqr"]),
+        ],
+    ),
+    (
+        "fuyu-campaign",
+        &[
+            ("random", &[]),
+            ("normal", &[]),
+            ("beta", &[]),
+            ("statistics", &["beta"]),
+            ("rotation", &[]),
+            ("sobol", &["random"]),
+            ("covariance", &["normal"]),
+            ("distribution", &["normal"]),
+            ("design", &["random", "sobol"]),
         ],
     ),
     (
@@ -132,7 +146,12 @@ fn modules_use_only_those_below_them() {
 #[test]
 fn physics_uses_no_files_environment_network_processes_or_threads() {
     let mut wrong = BTreeSet::new();
-    let physics = ["fuyu-physics", "fuyu-structures", "fuyu-lti"];
+    let physics = [
+        "fuyu-physics",
+        "fuyu-structures",
+        "fuyu-lti",
+        "fuyu-campaign",
+    ];
     for source in sources().iter().filter(|s| physics.contains(&s.package)) {
         for name in source.names_below("std") {
             if ["fs", "env", "net", "process", "thread"].contains(&name.as_str()) {
@@ -170,6 +189,11 @@ fn physics_depends_on_no_ros_and_ros_on_no_physics() {
             "fuyu-structures",
             "nalgebra",
             &["fuyu-ros", "fuyu-physics", "fuyu-lti", "faer", "rustdds"],
+        ),
+        (
+            "fuyu-campaign",
+            "libm",
+            &["fuyu-physics", "fuyu-ros", "nalgebra", "rustdds"],
         ),
         (
             "fuyu-lti",

@@ -17,8 +17,9 @@ pub fn read(path: impl AsRef<Path>) -> String {
 }
 
 /// Names of the packages of the workspace and their folders.
-pub const PACKAGES: [(&str, &str); 5] = [
+pub const PACKAGES: [(&str, &str); 6] = [
     ("fuyu", ""),
+    ("fuyu-campaign", "crates/fuyu-campaign"),
     ("fuyu-lti", "crates/fuyu-lti"),
     ("fuyu-physics", "crates/fuyu-physics"),
     ("fuyu-ros", "crates/fuyu-ros"),

@@ -215,7 +215,9 @@ fn starts(file: &Path, arguments: &[(&str, &str)]) -> Vec<Start> {
 
 fn scenarios() -> Vec<PathBuf> {
     let files = fs::read_dir(root().join("config")).expect("config/");
-    files.map(|file| file.expect("a file").path()).collect()
+    let paths = files.map(|file| file.expect("a file").path());
+    // Campaigns are in a folder of their own.
+    paths.filter(|path| path.is_file()).collect()
 }
 
 /// Namespaces and names of the nodes that a scenario names; those without a namespace get `otherwise`.

@@ -1,0 +1,312 @@
+//! Many runs on the processors of one machine.
+
+use std::{
+    io::{BufRead, BufReader, Write},
+    ops::RangeInclusive,
+    path::{Path, PathBuf},
+    process::{Child, ChildStdin, Command, Stdio},
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+        mpsc::{self, Receiver, RecvTimeoutError},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Campaign, CampaignError, Dataset,
+    range::RangeWriter,
+    row::{Row, Verdict},
+    run::too_long,
+};
+
+/// How often a run is tried whose process ends. The reason may be that everything is being killed.
+const TRIES: u32 = 3;
+
+/// Where runs are computed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Workers {
+    /// In threads of this process. A run that hangs inside of one step, or ends the process, ends the campaign.
+    Threads,
+    /// In processes of this executable, called as `EXECUTABLE campaign worker DIR`; see [`serve_worker`].
+    Processes(PathBuf),
+}
+
+/// How a range of runs is computed.
+#[derive(Debug, Clone)]
+pub struct RangeOptions {
+    /// Runs at the same time.
+    pub jobs: usize,
+    /// Where.
+    pub workers: Workers,
+}
+
+/// How far a range is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Progress {
+    /// Runs that are done, those of earlier processes included.
+    pub done: u64,
+    /// Runs of the range.
+    pub total: u64,
+}
+
+/// Computes the runs of a range that `dataset` lacks. `progress` is called at the start and after each run. The rows do not
+/// depend on the order, nor on the options.
+///
+/// # Errors
+/// [`CampaignError::Input`] if there are no such runs, [`CampaignError::Runtime`] if the dataset cannot be written; what is
+/// done is kept.
+pub fn run_range(
+    campaign: &Campaign,
+    dataset: &Dataset,
+    range: RangeInclusive<u64>,
+    options: &RangeOptions,
+    mut progress: impl FnMut(Progress),
+) -> Result<(), CampaignError> {
+    let runs = campaign.runs();
+    if range.is_empty() || *range.end() >= runs {
+        return Err(CampaignError::Input(format!(
+            "runs {} to {}: the campaign has runs 0 to {}",
+            range.start(),
+            range.end(),
+            runs - 1
+        )));
+    }
+    let total = range.end() - range.start() + 1;
+    let mut writer = RangeWriter::new(dataset, range)?;
+    let missing = writer.missing();
+    let mut done = total - missing.len() as u64;
+    progress(Progress { done, total });
+    let jobs = options.jobs.clamp(1, missing.len().max(1));
+    let queue = Mutex::new(missing.into_iter());
+    let stop = AtomicBool::new(false);
+    thread::scope(|scope| {
+        // Bounded, so that rows do not pile up before a slow disk.
+        let (sender, rows) = mpsc::sync_channel(2 * jobs);
+        for _ in 0..jobs {
+            let (sender, queue, stop) = (sender.clone(), &queue, &stop);
+            scope.spawn(move || {
+                let mut worker = Worker::new(campaign, dataset.folder(), &options.workers);
+                while !stop.load(Ordering::Relaxed) {
+                    let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
+                    let Some(run) = next else { break };
+                    let row = worker.run(run);
+                    let failed = row.is_err();
+                    if sender.send(row).is_err() || failed {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        let mut result = Ok(());
+        for row in rows {
+            match row.and_then(|row| writer.add(&row)) {
+                Ok(()) if result.is_ok() => {
+                    done += 1;
+                    progress(Progress { done, total });
+                }
+                Ok(()) => {}
+                Err(e) => {
+                    stop.store(true, Ordering::Relaxed);
+                    result = result.and(Err(e));
+                }
+            }
+        }
+        result
+    })
+}
+
+/// Who computes runs, one after the other.
+enum Worker<'a> {
+    Thread(&'a Campaign, &'a Path),
+    Process {
+        campaign: &'a Campaign,
+        folder: &'a Path,
+        executable: &'a Path,
+        process: Option<WorkerProcess>,
+    },
+}
+
+impl<'a> Worker<'a> {
+    fn new(campaign: &'a Campaign, folder: &'a Path, workers: &'a Workers) -> Self {
+        match workers {
+            Workers::Threads => Self::Thread(campaign, folder),
+            Workers::Processes(executable) => Self::Process {
+                campaign,
+                folder,
+                executable,
+                process: None,
+            },
+        }
+    }
+
+    fn run(&mut self, run: u64) -> Result<Row, CampaignError> {
+        let (campaign, folder, executable, process) = match self {
+            Self::Thread(campaign, folder) => return campaign.run_one(run, Some(folder)),
+            Self::Process {
+                campaign,
+                folder,
+                executable,
+                process,
+            } => (*campaign, *folder, *executable, process),
+        };
+        let (mut ended, first) = (String::new(), Instant::now());
+        for attempt in 0..TRIES {
+            if attempt > 0 {
+                thread::sleep(Duration::from_millis(200));
+            }
+            let mut worker = match process.take() {
+                Some(worker) => worker,
+                None => WorkerProcess::start(executable, folder)?,
+            };
+            let start = Instant::now();
+            // A process looks at the time itself after every state. This is for one that does not return.
+            let limit = 1.1 * campaign.time_limit() + 5.0;
+            match worker.answer(run, limit) {
+                Answer::Reply(Reply::Row(row)) => {
+                    *process = Some(worker);
+                    return Ok(row);
+                }
+                Answer::Reply(Reply::Error(e)) => return Err(CampaignError::Runtime(e)),
+                Answer::Late => {
+                    let time = start.elapsed().as_secs_f64();
+                    let reason = too_long(campaign.time_limit());
+                    return Ok(campaign.lost(run, Verdict::Timeout, reason, time));
+                }
+                Answer::Ended => ended = worker.end(),
+            }
+        }
+        let reason = format!("the process of the run ended: {ended}");
+        let time = first.elapsed().as_secs_f64();
+        Ok(campaign.lost(run, Verdict::Crash, reason, time))
+    }
+}
+
+/// What a worker's process writes: a line per run.
+#[derive(Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Reply {
+    Row(Row),
+    Error(String),
+}
+
+enum Answer {
+    Reply(Reply),
+    Late,
+    Ended,
+}
+
+/// A process that computes runs.
+struct WorkerProcess {
+    child: Child,
+    stdin: ChildStdin,
+    replies: Receiver<String>,
+}
+
+impl WorkerProcess {
+    fn start(executable: &Path, folder: &Path) -> Result<Self, CampaignError> {
+        let at = |e: String| CampaignError::Runtime(format!("{}: {e}", executable.display()));
+        let mut child = Command::new(executable)
+            .args(["campaign", "worker"])
+            .arg(folder)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .map_err(|e| at(format!("cannot be started: {e}")))?;
+        let pipes = (child.stdin.take(), child.stdout.take());
+        let (Some(stdin), Some(stdout)) = pipes else {
+            return Err(at("has no pipes".to_owned()));
+        };
+        let (sender, replies) = mpsc::channel();
+        // It ends with the process.
+        thread::spawn(move || {
+            for line in BufReader::new(stdout).lines() {
+                let Ok(line) = line else { break };
+                if sender.send(line).is_err() {
+                    break;
+                }
+            }
+        });
+        Ok(Self {
+            child,
+            stdin,
+            replies,
+        })
+    }
+
+    fn answer(&mut self, run: u64, limit: f64) -> Answer {
+        if writeln!(self.stdin, "{run}")
+            .and_then(|()| self.stdin.flush())
+            .is_err()
+        {
+            return Answer::Ended;
+        }
+        let limit = Duration::try_from_secs_f64(limit).unwrap_or(Duration::MAX);
+        match self.replies.recv_timeout(limit) {
+            Ok(line) => match serde_json::from_str(&line) {
+                Ok(reply) => Answer::Reply(reply),
+                Err(_) => Answer::Ended,
+            },
+            Err(RecvTimeoutError::Timeout) => Answer::Late,
+            Err(RecvTimeoutError::Disconnected) => Answer::Ended,
+        }
+    }
+
+    /// Ends it; says how it had ended.
+    fn end(mut self) -> String {
+        for _ in 0..20 {
+            if let Ok(Some(status)) = self.child.try_wait() {
+                return status.to_string();
+            }
+            thread::sleep(Duration::from_millis(10));
+        }
+        "it gave no valid answer".to_owned()
+    }
+}
+
+impl Drop for WorkerProcess {
+    fn drop(&mut self) {
+        // It may have ended already.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Computes the runs whose numbers come on stdin, a line each, and writes a row for each to stdout. Returns when stdin ends,
+/// also during a run: then whoever asked is gone.
+///
+/// # Errors
+/// [`CampaignError::Input`] if `folder` holds no campaign.
+pub fn serve_worker(folder: &Path) -> Result<(), CampaignError> {
+    let campaign = Dataset::open(folder)?.campaign()?;
+    // The message of a panic is in the row.
+    std::panic::set_hook(Box::new(|_| {}));
+    let (sender, runs) = mpsc::channel();
+    thread::spawn(move || {
+        for line in std::io::stdin().lines() {
+            let run = line.ok().and_then(|line| line.trim().parse::<u64>().ok());
+            if run.is_none_or(|run| sender.send(run).is_err()) {
+                break;
+            }
+        }
+        std::process::exit(0);
+    });
+    for run in runs {
+        let reply = match run < campaign.runs() {
+            true => campaign
+                .run_one(run, Some(folder))
+                .map_or_else(|e| Reply::Error(e.to_string()), Reply::Row),
+            false => Reply::Error(format!("there is no run {run}")),
+        };
+        let line = serde_json::to_string(&reply);
+        let line = line.map_err(|e| CampaignError::Runtime(e.to_string()))?;
+        let mut stdout = std::io::stdout().lock();
+        let written = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
+        written.map_err(|e| CampaignError::Runtime(format!("cannot write to stdout: {e}")))?;
+    }
+    Ok(())
+}

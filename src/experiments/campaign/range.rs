@@ -1,0 +1,117 @@
+//! Writing a range of runs into a dataset.
+
+use std::{
+    collections::BTreeMap,
+    fs::{self, File, OpenOptions},
+    io::{Seek, SeekFrom, Write},
+    ops::RangeInclusive,
+    path::Path,
+};
+
+use super::{CampaignError, Dataset, dataset::read_journal, row::Row};
+
+/// Adds the rows of a range of runs to a dataset.
+pub(super) struct RangeWriter<'a> {
+    dataset: &'a Dataset,
+    /// First and last run.
+    range: RangeInclusive<u64>,
+    /// Of the chunks that are not complete: the journal, and how many runs of the range are missing.
+    open: BTreeMap<u64, (Option<File>, u64)>,
+    /// Whether each run of the range is done.
+    done: Vec<bool>,
+    /// Held while this exists: nobody else computes the same range.
+    _lock: Option<File>,
+}
+
+impl<'a> RangeWriter<'a> {
+    /// Looks what is done already. If another process computes the same range, waits for its end.
+    pub fn new(dataset: &'a Dataset, range: RangeInclusive<u64>) -> Result<Self, CampaignError> {
+        let folder = dataset.folder().join("journal");
+        let runtime = |path: &Path, e: std::io::Error| {
+            CampaignError::Runtime(format!("{}: cannot be written: {e}", path.display()))
+        };
+        fs::create_dir_all(&folder).map_err(|e| runtime(&folder, e))?;
+        let path = folder.join(format!("{}-{}.lock", range.start(), range.end()));
+        let lock = File::create(&path).map_err(|e| runtime(&path, e))?;
+        // Not every file system has locks. Two processes would do the same work twice, with the same result.
+        let lock = lock.lock().is_ok().then_some(lock);
+        let size = dataset.manifest().chunk;
+        if range == (0..=dataset.manifest().runs - 1) {
+            dataset.remove_drafts();
+        }
+        let mut writer = Self {
+            dataset,
+            done: vec![false; (range.end() - range.start() + 1) as usize],
+            open: BTreeMap::new(),
+            _lock: lock,
+            range: range.clone(),
+        };
+        for chunk in range.start() / size..=range.end() / size {
+            let rows = dataset.rows_of(chunk)?;
+            let runs = dataset.runs_of(chunk);
+            let own = *runs.start().max(range.start())..=*runs.end().min(range.end());
+            let mut missing = 0;
+            for run in own {
+                let done = rows.contains_key(&run);
+                writer.done[(run - range.start()) as usize] = done;
+                missing += u64::from(!done);
+            }
+            if missing > 0 {
+                writer.open.insert(chunk, (None, missing));
+            } else {
+                dataset.complete(chunk)?;
+            }
+        }
+        Ok(writer)
+    }
+
+    /// The runs that are missing, by ascending number.
+    pub fn missing(&self) -> Vec<u64> {
+        let runs = self.range.clone().zip(&self.done);
+        runs.filter(|(_, done)| !**done)
+            .map(|(run, _)| run)
+            .collect()
+    }
+
+    /// Adds a row.
+    pub fn add(&mut self, row: &Row) -> Result<(), CampaignError> {
+        let chunk = row.run / self.dataset.manifest().chunk;
+        let name = format!(
+            "part-{chunk:06}.{}-{}.jsonl",
+            self.range.start(),
+            self.range.end()
+        );
+        let path = self.dataset.folder().join("journal").join(name);
+        let at = |e: std::io::Error| {
+            CampaignError::Runtime(format!("{}: cannot be written: {e}", path.display()))
+        };
+        let Some((journal, missing)) = self.open.get_mut(&chunk) else {
+            return Ok(());
+        };
+        let mut line = serde_json::to_vec(row).map_err(|e| at(e.into()))?;
+        line.push(b'\n');
+        let file = match journal {
+            Some(file) => file,
+            None => {
+                let whole = read_journal(&path)?.1;
+                let options = OpenOptions::new()
+                    .create(true)
+                    .truncate(false)
+                    .write(true)
+                    .open(&path);
+                let mut file = options.map_err(at)?;
+                // A line that was cut off.
+                file.set_len(whole).map_err(at)?;
+                file.seek(SeekFrom::End(0)).map_err(at)?;
+                journal.insert(file)
+            }
+        };
+        file.write_all(&line).map_err(at)?;
+        *missing -= 1;
+        if *missing == 0 {
+            self.open.remove(&chunk);
+            self.dataset.complete(chunk)?;
+        }
+        Ok(())
+    }
+}

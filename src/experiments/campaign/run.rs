@@ -1,0 +1,207 @@
+//! One run.
+
+use std::{
+    fs,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
+
+use serde_json::Value;
+
+use super::{
+    Bags, Campaign, CampaignError, Verdict,
+    results::value,
+    row::{Cell, Row},
+    series::SeriesRecorder,
+};
+use crate::{
+    experiments::{
+        Fleet,
+        simulation::{self, Stop},
+    },
+    nodes::scenario::Scenario,
+};
+
+/// The line of a run that exceeded its time.
+pub(super) fn too_long(limit: f64) -> String {
+    format!("exceeded the time limit of {limit} s")
+}
+
+/// What a simulation gave.
+enum Outcome {
+    Result(Value),
+    Error(String),
+    Timeout,
+    Panic(String),
+    /// Bag or series cannot be written, which is no result of the run.
+    Unwritten(String),
+}
+
+impl Campaign {
+    /// Simulates a run. Whatever happens is in the row; only a hang inside of one step and the end of the process are not.
+    /// Time series and bags go to `folder`, if there is one.
+    ///
+    /// # Errors
+    /// [`CampaignError::Runtime`] if series or bag cannot be written.
+    ///
+    /// # Panics
+    /// If there is no such run.
+    pub fn run_one(&self, run: u64, folder: Option<&Path>) -> Result<Row, CampaignError> {
+        let start = Instant::now();
+        let scenario = self.scenario_of(run);
+        let parameters = self.parameters_of(run);
+        let bags = folder.filter(|_| self.file.keep.bags == Bags::All);
+        let outcome = self.attempt(run, &scenario, folder, bags);
+        let (mut verdict, mut reason, mut results) =
+            (Verdict::Success, None, vec![Cell::Null; self.results.len()]);
+        match outcome {
+            Outcome::Result(result) => {
+                let cells = self.results.iter();
+                results = cells
+                    .map(|column| value(&result, &column.name, column.kind))
+                    .collect();
+                let missed = self.criteria.iter().find(|criterion| {
+                    !criterion.is_met(self.quantity(criterion, &parameters, &results))
+                });
+                if let Some(criterion) = missed {
+                    verdict = Verdict::Failure;
+                    reason = Some(criterion.text().to_owned());
+                }
+            }
+            Outcome::Error(e) => (verdict, reason) = (Verdict::Error, Some(e)),
+            Outcome::Panic(e) => (verdict, reason) = (Verdict::Panic, Some(e)),
+            Outcome::Timeout => {
+                (verdict, reason) = (Verdict::Timeout, Some(too_long(self.time_limit())));
+            }
+            Outcome::Unwritten(e) => return Err(CampaignError::Runtime(e)),
+        }
+        let wanted = self.file.keep.bags == Bags::Failed
+            && !matches!(verdict, Verdict::Success | Verdict::Timeout);
+        if let Some(folder) = folder.filter(|_| wanted) {
+            // The same once more, with a bag.
+            if let Outcome::Unwritten(e) = self.attempt(run, &scenario, None, Some(folder)) {
+                return Err(CampaignError::Runtime(e));
+            }
+        }
+        Ok(Row {
+            run,
+            seed: self.seed_of(run),
+            verdict,
+            reason,
+            parameters,
+            results,
+            wall_time: start.elapsed().as_secs_f64(),
+        })
+    }
+
+    /// The row of a run that did not return.
+    pub(super) fn lost(&self, run: u64, verdict: Verdict, reason: String, wall_time: f64) -> Row {
+        Row {
+            run,
+            seed: self.seed_of(run),
+            verdict,
+            reason: Some(reason),
+            parameters: self.parameters_of(run),
+            results: vec![Cell::Null; self.results.len()],
+            wall_time,
+        }
+    }
+
+    fn attempt(
+        &self,
+        run: u64,
+        scenario: &Scenario,
+        series: Option<&Path>,
+        bags: Option<&Path>,
+    ) -> Outcome {
+        let unwinding = catch_unwind(AssertUnwindSafe(|| {
+            self.simulate(run, scenario, series, bags)
+        }));
+        unwinding.unwrap_or_else(|payload| {
+            let text = payload
+                .downcast_ref::<&str>()
+                .map(|text| (*text).to_owned());
+            let text = text.or_else(|| payload.downcast_ref::<String>().cloned());
+            Outcome::Panic(one_line(&text.unwrap_or_else(|| "panic".to_owned())))
+        })
+    }
+
+    fn simulate(
+        &self,
+        run: u64,
+        scenario: &Scenario,
+        series: Option<&Path>,
+        bags: Option<&Path>,
+    ) -> Outcome {
+        let error = |e: String| Outcome::Error(one_line(&e));
+        let mut fleet = match Fleet::new(scenario) {
+            Ok(fleet) => fleet,
+            Err(e) => return error(e),
+        };
+        let mut bag = None;
+        if let Some(folder) = bags {
+            let folder = folder.join("bags").join(name_of(run));
+            // What a killed process has left.
+            let _ = fs::remove_dir_all(&folder);
+            match simulation::create_bag(scenario, &fleet, &folder) {
+                Ok(new) => bag = Some(new),
+                Err(e) => return Outcome::Unwritten(e),
+            }
+        }
+        let limit = Duration::try_from_secs_f64(self.time_limit()).unwrap_or(Duration::MAX);
+        let start = Instant::now();
+        let mut recorder = match (series, &self.file.keep.series) {
+            (Some(_), Some(file)) => Some(SeriesRecorder::new(file)),
+            _ => None,
+        };
+        let mut is_late = false;
+        let duration = simulation::duration_of(&fleet, None);
+        let observed =
+            simulation::simulate(&mut fleet, duration, bag.as_mut(), |fleet, observed| {
+                if let Some(recorder) = &mut recorder {
+                    recorder.see(fleet, observed);
+                }
+                is_late = start.elapsed() > limit;
+                match is_late {
+                    true => Err(Stop::Watcher(String::new())),
+                    false => Ok(()),
+                }
+            });
+        if let Some(bag) = bag
+            && let Err(e) = bag.finish()
+        {
+            return Outcome::Unwritten(e.to_string());
+        }
+        if let (Some(recorder), Some(folder)) = (recorder, series)
+            && let Err(e) = recorder.write(&series_path(folder, run))
+        {
+            return Outcome::Unwritten(e);
+        }
+        let observed = match observed {
+            Ok(observed) => observed,
+            Err(_) if is_late => return Outcome::Timeout,
+            Err(Stop::Bag(e)) => return Outcome::Unwritten(e.to_string()),
+            Err(stop) => return error(stop.describe(scenario)),
+        };
+        let summaries = simulation::summaries(&fleet, &observed, 0.0);
+        match simulation::results(&fleet, &observed, &summaries) {
+            Ok(result) => Outcome::Result(result),
+            Err(e) => error(e.to_string()),
+        }
+    }
+}
+
+/// Name of a run in the dataset.
+pub(super) fn name_of(run: u64) -> String {
+    format!("run-{run:09}")
+}
+
+/// File of the time series of a run.
+fn series_path(folder: &Path, run: u64) -> PathBuf {
+    folder.join("series").join(name_of(run) + ".parquet")
+}
+
+fn one_line(text: &str) -> String {
+    text.lines().collect::<Vec<_>>().join("; ")
+}
