@@ -135,14 +135,15 @@ export class Operator {
     const service = [...connection.services.keys()].find((name) => name.endsWith("/foxglove/control"));
     try {
       if (connection.state === "may operate" && service) {
-        const response = await connection.call(service, { data: this.wanted });
+        const asksFor = this.wanted;
+        const response = await connection.call(service, { data: asksFor });
         if (session !== connection.session) return;
         const had = this.hasControl;
         this.hasControl = response.success;
         this.others = response.message.startsWith("another");
         if (had && !response.success && this.wanted) connection.onNotice("Control is lost: " + response.message);
-        // A refused wish is not repeated: the operator decides.
-        this.wanted &&= response.success;
+        // A refused wish is not repeated: the operator decides. One that is newer than the call is still to be sent.
+        if (asksFor && !response.success) this.wanted = false;
         if (had !== response.success) this.disarm();
       } else {
         // Watchers have no services: the refusal of a mesh without a name comes back as fast.

@@ -10,6 +10,7 @@ const COLOURS = ["#6cb6ff", "#7ee2a0", "#ffcf66", "#ff9c93", "#d6a3ff", "#7fe3e3
 export class Plot {
   private readonly plot: uPlot;
   private readonly title: HTMLElement;
+  private readonly box: HTMLElement;
   private data: (number | null)[][];
   private names: string[] = [];
   private last = -Infinity;
@@ -20,13 +21,17 @@ export class Plot {
     this.title = document.createElement("h3");
     this.title.textContent = `${name} [${unit}]: no data`;
     box.append(this.title);
+    // Without data there is nothing to see.
+    box.hidden = true;
     parent.append(box);
     this.data = [[]];
-    const axis = { stroke: "#b3bfcd", grid: { stroke: "#3a4656", width: 1 }, ticks: { stroke: "#3a4656" }, size: 44 };
+    this.box = box;
+    const values = (_: uPlot, ticks: number[]) => ticks.map((v) => (v === 0 ? "0" : Number(v.toPrecision(3)).toString()));
+    const axis = { values, stroke: "#b3bfcd", grid: { stroke: "#3a4656", width: 1 }, ticks: { stroke: "#3a4656" }, size: 56 };
     this.plot = new uPlot(
       {
         width: 320, height: 110, legend: { show: false }, cursor: { show: false },
-        scales: { x: { time: false } }, axes: [{ ...axis, size: 28 }, axis], series: [{}],
+        scales: { x: { time: false } }, axes: [{ ...axis, size: 28, values: undefined }, axis], series: [{}],
       },
       [[]],
       box,
@@ -40,6 +45,7 @@ export class Plot {
     if (time < this.last - 1 || names.join() !== this.names.join()) this.restart(names);
     if (time - this.last < 1 / RATE) return;
     this.last = time;
+    this.box.hidden = false;
     this.data[0].push(time);
     names.forEach((name, i) => this.data[i + 1].push(Number.isFinite(values[name]) ? values[name] : null));
     while ((this.data[0][0] ?? 0)! < time - WINDOW) for (const column of this.data) column.shift();
@@ -49,7 +55,7 @@ export class Plot {
 
   private restart(names: string[]): void {
     for (const _ of this.names) this.plot.delSeries(1);
-    names.forEach((label, i) => this.plot.addSeries({ label, stroke: COLOURS[i % COLOURS.length], width: 1.5 }));
+    names.forEach((label, i) => this.plot.addSeries({ label, stroke: COLOURS[i % COLOURS.length], width: 1.5, points: { show: false } }));
     this.names = names;
     this.data = [[], ...names.map(() => [])];
     this.last = -Infinity;

@@ -8,6 +8,7 @@
 use std::collections::HashMap;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use bytes::Bytes;
 use foxglove::websocket::service::Service;
@@ -35,8 +36,11 @@ pub struct Server {
     /// Those who watch and those who may operate, if any; empty only during drop.
     handles: Vec<WebSocketServerHandle>,
     /// Its runtime; declared last, so that dropping it ends its thread last.
-    _runtime: Runtime,
+    runtime: Runtime,
 }
+
+/// How long clients may take to close their connections when the server stops: one behind a stalled network never does.
+const FAREWELL: Duration = Duration::from_secs(1);
 
 /// What clients that know the access token may do.
 pub struct Operation {
@@ -124,7 +128,7 @@ impl Server {
             latched,
             assets,
             handles,
-            _runtime: runtime,
+            runtime,
         })
     }
 
@@ -200,7 +204,11 @@ impl Server {
 impl Drop for Server {
     fn drop(&mut self) {
         for handle in self.handles.drain(..) {
-            handle.stop().wait_blocking();
+            let stopped = handle.stop().wait();
+            let stopped = async { tokio::time::timeout(FAREWELL, stopped).await };
+            if self.runtime.block_on(stopped).is_err() {
+                tracing::warn!("Foxglove: a client does not answer; its connection is cut");
+            }
         }
     }
 }
