@@ -49,8 +49,9 @@ type Sent = { at: number; axes: Axes; enabled: boolean };
 export class Operator {
   hasControl = false;
   holding = false;
-  /** Whether the network has answered lately. */
+  /** Whether the network has not answered lately, and how often this happened. */
   stalled = false;
+  stalls = 0;
   /** Fraction of the full speed. */
   speed = 0.5;
   /** Added to the way of the commands [s]. */
@@ -123,6 +124,7 @@ export class Operator {
     if (this.asked !== undefined) {
       if (now - this.asked > STALLED && !this.stalled) {
         this.stalled = true;
+        this.stalls += 1;
         this.disarm();
         this.onChange(this.role);
       }

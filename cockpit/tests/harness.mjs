@@ -139,7 +139,24 @@ export async function until(page, condition, timeout = PATIENCE) {
 
 /** Whether the arm moves, by the joint rates that a page receives [rad/s]. */
 export const MOVING = "Math.max(...cockpit.rates().map(Math.abs)) > 2e-4";
-export const STOPPED = "Math.max(...cockpit.rates().map(Math.abs)) < 1e-3";
+/** The servo of the joints needs 0.07 s to half the speed, and half a second to rest. */
+export const SLOWED = "Math.max(...cockpit.rates().map(Math.abs)) < window.speed / 2";
+export const STOPPED = "Math.max(...cockpit.rates().map(Math.abs)) < 2e-4";
+
+/** Presses until the arm moves. A stall on a busy machine disarms the page, as it should; only then it is pressed again. */
+export async function push(page, press, release, observer = page) {
+  for (let attempt = 0; attempt < 10; attempt++) {
+    const stalls = await page.evaluate(() => cockpit.operator.stalls);
+    await press();
+    const moves = await until(observer, MOVING, 5000).then(() => true, () => false);
+    if (moves) return;
+    await release();
+    if ((await page.evaluate(() => cockpit.operator.stalls)) === stalls) throw new Error("the arm does not move");
+    console.log("REPEATED: the machine was so busy that the page saw a stall");
+    await sleep(500);
+  }
+  throw new Error("the page saw a stall ten times");
+}
 
 /** A connection between browser and server that can be interrupted. */
 export async function proxy(url) {

@@ -9,12 +9,17 @@ use std::{
 
 use serde_json::Value;
 
+use crate::lateness::repeat_if_late;
 use crate::peer::DomainClaim;
 use crate::python;
 use crate::waiting::{PATIENCE, eventually};
 
 #[test]
 fn one_operator_steers_others_watch_and_a_lost_operator_stops_the_arm() {
+    repeat_if_late(two_operators_and_watchers);
+}
+
+fn two_operators_and_watchers() {
     let domain = 112;
     let _claim = DomainClaim::new(domain);
     let dir = tempfile::tempdir().unwrap();
@@ -95,11 +100,11 @@ fn one_operator_steers_others_watch_and_a_lost_operator_stops_the_arm() {
         (&report["second_takes"], &report["second_takes_then"]),
         (&0.into(), &1.into())
     );
-    // Sooner than by teleop's own command_timeout of .5 s; states are 10 ms apart.
-    let stopped = report["stopped_after_close"].as_f64().unwrap();
-    assert!(stopped < 0.45, "{stopped} s");
-    let stopped = report["stopped_after_silence"].as_f64().unwrap();
-    assert!(stopped < 1.0, "{stopped} s");
+    // The servo needs 0.07 s to half the speed. This is sooner than by teleop's own command_timeout of 0.5 s.
+    let slowed = report["slowed_after_close"].as_f64().unwrap();
+    assert!(slowed < 0.45, "{slowed} s");
+    let slowed = report["slowed_after_silence"].as_f64().unwrap();
+    assert!((0.4..0.8).contains(&slowed), "{slowed} s");
     assert_eq!(report["moves_without_asking"], false);
     assert_eq!(report["asks"], 1);
     assert_eq!(report["moves_by_late_commands"], false);

@@ -1,6 +1,7 @@
 """Two operators and a watcher at the server of `fuyu launch --cockpit`; prints what they experience."""
 
 import json
+import socket
 import struct
 import sys
 import threading
@@ -93,6 +94,12 @@ class Client:
     def moves(self):
         return bool(self.rates) and self.rates[-1][1] > 2e-4
 
+    def slows(self, since):
+        """Time from `since` until the joints have half of their fastest rate then."""
+        rate = self.rates[-1][1]
+        self.wait(lambda: self.rates[-1][1] < rate / 2)
+        return time.monotonic() - since
+
     def push_until(self, condition):
         start = time.monotonic()
         while not condition():
@@ -125,18 +132,21 @@ second.wait(lambda: any("another client has control" in s for s in second.status
 report["second_takes"] = second.call("/foxglove/control", b"\1")[0]
 first.send({"op": "setParameters", "parameters": [value], "id": "c"})
 first.wait(lambda: first.parameters["/teleop.method"] == "transpose_generalized")
-first.push_until(lambda: watcher.moves())
+# At full speed.
+push = time.monotonic() + 1.0
+first.push_until(lambda: watcher.moves() and time.monotonic() > push)
 # Without a closing handshake, as when a page is killed.
 closed = time.monotonic()
-first.socket.socket.close()
+first.socket.socket.shutdown(socket.SHUT_RDWR)
+report["slowed_after_close"] = watcher.slows(closed)
 watcher.wait(lambda: not watcher.moves())
-report["stopped_after_close"] = time.monotonic() - closed
 
 report["second_takes_then"] = second.call("/foxglove/control", b"\1")[0]
-second.push_until(watcher.moves)
+push = time.monotonic() + 1.0
+second.push_until(lambda: watcher.moves() and time.monotonic() > push)
 silent = time.monotonic()
+report["slowed_after_silence"] = watcher.slows(silent)
 watcher.wait(lambda: not watcher.moves())
-report["stopped_after_silence"] = time.monotonic() - silent
 time.sleep(1.0)
 # Control has expired; what the client sends without asking has no effect.
 second.statuses.clear()
