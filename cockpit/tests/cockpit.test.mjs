@@ -218,9 +218,15 @@ describe("one run", () => {
       await page.selectOption(`#${id}`, value);
       await until(page, `cockpit.parameters.values.get("/teleop.${id}").value === "${value}"`);
     }
+    await page.evaluate(() => {
+      const { connection } = cockpit;
+      const show = connection.onNotice;
+      window.notices = [];
+      connection.onNotice = (text) => (window.notices.push(text), show(text));
+    });
     const now = await page.evaluate(async () => (await cockpit.connection.setParameters([{ name: "/teleop.rate", value: 20 }]))[0].value);
     assert.equal(now, 50);
-    await until(page, `document.getElementById("notice").textContent.includes("/teleop.rate")`);
+    await until(page, `window.notices.some((text) => text.includes("/teleop.rate"))`);
   });
 
   test("the simulation is paused, stepped, played and reset", async () => {
