@@ -28,11 +28,15 @@ bench *ARGS:
 soak *SECONDS:
     scripts/soak.sh {{SECONDS}}
 
+# build the operator's page, which `fuyu launch --cockpit` serves; needs Node.js 20.19 or later
+cockpit:
+    cd cockpit && npm ci --no-audit --no-fund && npm run build
+
 # format the sources
 format:
     cargo fmt --all
 
-# one or more steps of CI: fmt, lint, doc, msrv, test, slow, fuzz, colcon, embed, bench
+# one or more steps of CI: fmt, lint, doc, msrv, test, slow, fuzz, cockpit, colcon, embed, bench
 step +STEPS:
     .ci/run {{STEPS}}
 

@@ -13,6 +13,7 @@ mod python;
 mod waiting;
 
 mod check;
+mod cockpit;
 mod command;
 mod convert;
 mod damage;

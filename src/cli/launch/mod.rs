@@ -17,7 +17,7 @@ use std::{
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Failure, print};
-use crate::nodes::foxglove;
+use crate::nodes::foxglove::{self, Cockpit, Page};
 use crate::ros::{DiscoveryRange, Node, NodeError, NodeOptions, Process, return_free_memory};
 use monitor::{Observed, Progress};
 use overload::Overload;
@@ -59,6 +59,10 @@ pub struct Args {
         default_missing_value = "127.0.0.1:8765"
     )]
     foxglove: Option<SocketAddr>,
+    /// Serve the operator's page, from which the robot is steered in a browser, on the address of --foxglove; prints
+    /// its address with an access token. Build the page with `just cockpit` before
+    #[arg(long)]
+    cockpit: bool,
 }
 
 /// Runs the command.
@@ -135,9 +139,16 @@ fn start(
     };
     let namespace = plan.nodes.last().map_or("/", |(name, _)| name.namespace());
     if let Some(address) = plan.foxglove {
+        let cockpit = plan.cockpit.then(Page::read).transpose();
+        let cockpit = cockpit.map_err(NodeError::Input)?.map(Cockpit::new);
         // Before the publishing nodes, so that no message is missed.
         process.start_with(options("foxglove", namespace), move |node| {
-            foxglove::program(node, address)
+            foxglove::program(node, address, cockpit, |page| {
+                // The page's address is the user's; nobody who reads the log may operate.
+                if let Err(e) = print(&format!("cockpit: {page}\n")) {
+                    tracing::warn!("cockpit: {e}");
+                }
+            })
         })?;
     }
     for (name, program) in &plan.nodes {

@@ -1,6 +1,9 @@
 //! Launch plan: the scenario combined with the command line.
 
-use std::{net::SocketAddr, path::PathBuf};
+use std::{
+    net::{IpAddr, Ipv4Addr, SocketAddr},
+    path::PathBuf,
+};
 
 use super::Args;
 use crate::{
@@ -20,7 +23,12 @@ pub struct Plan {
     pub bag: Option<PathBuf>,
     /// Address of the Foxglove server, if requested.
     pub foxglove: Option<SocketAddr>,
+    /// Whether that server also serves the operator's page.
+    pub cockpit: bool,
 }
+
+/// Where the Foxglove server listens by default.
+const FOXGLOVE: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8765);
 
 impl Plan {
     /// Reads the scenario. Options have priority over ROS arguments, these over the file.
@@ -90,7 +98,8 @@ impl Plan {
             let named = scenario.nodes().iter().filter(|n| n.name() == name);
             nodes.extend(named.map(|n| (n.clone(), program)));
         }
-        if args.foxglove.is_some() && !scenario.has("views") {
+        let foxglove = args.foxglove.or(args.cockpit.then_some(FOXGLOVE));
+        if foxglove.is_some() && !scenario.has("views") {
             let namespace = nodes.last().map_or("/", |(name, _)| name.namespace());
             let views = NodeName::new(namespace, "views").map_err(|e| e.to_string())?;
             nodes.insert(0, (views, nodes::views::program));
@@ -100,7 +109,8 @@ impl Plan {
             nodes,
             duration,
             bag,
-            foxglove: args.foxglove,
+            foxglove,
+            cockpit: args.cockpit,
         })
     }
 }

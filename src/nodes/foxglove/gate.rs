@@ -1,9 +1,11 @@
-//! The gate in front of the WebSocket server of Foxglove's SDK, which accepts every web page and waits for a handshake
+//! The gate in front of the WebSocket servers of Foxglove's SDK, which accept every web page and wait for a handshake
 //! forever. Browsers send the page that connects as the header `Origin`; the gate passes requests of allowed pages, and of
-//! programs, which send none, to the server.
+//! programs, which send none, to a server: those whose query has the access token (`ws://HOST:PORT/?token=TOKEN`) to
+//! the one whose clients may operate, all others to the one whose clients only watch. Requests that do not ask for a
+//! WebSocket get a file of the cockpit's page.
 //!
-//! The SDK (0.30) has no hook for either. Its server listens on a random address of the loopback network and a random
-//! port, 2^40 possibilities that a web page cannot search, so that the gate cannot be bypassed.
+//! The SDK (0.30) has no hook for any of this. Its servers listen on random addresses of the loopback network and random
+//! ports, 2^40 possibilities that a web page cannot search, so that the gate cannot be bypassed.
 
 use std::collections::BTreeSet;
 use std::io;
@@ -15,6 +17,8 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, copy_bidirectional};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 use tokio::time::timeout;
+
+use super::page::Page;
 
 /// Time that a client may take for its request.
 const HANDSHAKE: Duration = Duration::from_secs(5);
@@ -69,27 +73,61 @@ pub fn listen(address: SocketAddr) -> io::Result<std::net::TcpListener> {
     Ok(listener)
 }
 
-/// Passes the connections that `listener` accepts to `server`; ends with its runtime.
-pub async fn pass(listener: std::net::TcpListener, server: SocketAddr, origins: Origins) {
+/// Where the gate passes connections to.
+pub struct Routes {
+    /// The server of clients that watch.
+    pub watchers: SocketAddr,
+    /// The server of clients that may operate, if there is one.
+    pub operators: Option<Entry>,
+    /// Web pages that may connect.
+    pub origins: Origins,
+}
+
+/// The way in for operators.
+pub struct Entry {
+    /// Their server.
+    pub server: SocketAddr,
+    /// What they must know.
+    pub token: String,
+    /// The page that they open.
+    pub page: Page,
+}
+
+impl Routes {
+    /// The server for a request with the access token `given`.
+    fn server(&self, given: Option<&str>) -> SocketAddr {
+        match (&self.operators, given) {
+            (Some(entry), Some(given)) if is_same(given, &entry.token) => entry.server,
+            _ => self.watchers,
+        }
+    }
+}
+
+/// Compares secrets in a time that does not depend on where they differ.
+fn is_same(a: &str, b: &str) -> bool {
+    let differ = a.bytes().zip(b.bytes()).fold(0, |d, (a, b)| d | (a ^ b));
+    a.len() == b.len() && differ == 0
+}
+
+/// Passes the connections that `listener` accepts on; ends with its runtime.
+pub async fn pass(listener: std::net::TcpListener, routes: Routes) {
     match TcpListener::from_std(listener) {
-        Ok(listener) => Gate::new(server, origins, HANDSHAKE).run(listener).await,
+        Ok(listener) => Gate::new(routes, HANDSHAKE).run(listener).await,
         Err(e) => tracing::error!("Foxglove: cannot listen: {e}"),
     }
 }
 
 struct Gate {
-    server: SocketAddr,
-    origins: Origins,
+    routes: Routes,
     handshake: Duration,
-    /// Refused origins, each reported once.
+    /// Refused origins and wrong tokens, each reported once.
     reported: Mutex<BTreeSet<String>>,
 }
 
 impl Gate {
-    fn new(server: SocketAddr, origins: Origins, handshake: Duration) -> Arc<Self> {
+    fn new(routes: Routes, handshake: Duration) -> Arc<Self> {
         Arc::new(Self {
-            server,
-            origins,
+            routes,
             handshake,
             reported: Mutex::default(),
         })
@@ -120,13 +158,22 @@ impl Gate {
             return Ok(());
         };
         let request = request?;
-        if let Some(origin) = request.origins.iter().find(|o| !self.origins.allow(o)) {
+        if !request.is_upgrade
+            && let Some(entry) = &self.routes.operators
+        {
+            let answer = entry.page.answer(&request.method, &request.target);
+            return timeout(self.handshake, client.write_all(&answer))
+                .await
+                .unwrap_or(Ok(()));
+        }
+        let allowed = &self.routes.origins;
+        if let Some(origin) = request.origins.iter().find(|o| !allowed.allow(o)) {
             self.report(origin);
             let answer =
                 b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n";
             return client.write_all(answer).await;
         }
-        let mut server = TcpStream::connect(self.server).await?;
+        let mut server = TcpStream::connect(self.server(&request)).await?;
         client.set_nodelay(true)?;
         server.set_nodelay(true)?;
         server.write_all(&request.bytes).await?;
@@ -134,11 +181,25 @@ impl Gate {
         Ok(())
     }
 
-    fn report(&self, origin: &str) {
+    fn server(&self, request: &Request) -> SocketAddr {
+        let token = request.token();
+        let server = self.routes.server(token);
+        if token.is_some() && server == self.routes.watchers && self.is_new("a wrong token") {
+            tracing::warn!("Foxglove: a client has no valid access token: it may only watch");
+        }
+        server
+    }
+
+    /// Whether something has not been reported yet.
+    fn is_new(&self, what: &str) -> bool {
         /// More are not worth the memory.
         const REPORTS: usize = 100;
         let mut reported = (self.reported.lock()).unwrap_or_else(PoisonError::into_inner);
-        if reported.len() < REPORTS && reported.insert(origin.to_owned()) {
+        reported.len() < REPORTS && reported.insert(what.to_owned())
+    }
+
+    fn report(&self, origin: &str) {
+        if self.is_new(origin) {
             tracing::warn!(
                 "Foxglove: refused the web page {origin:?}; the parameter allowed_origins of the node foxglove allows others than those on this computer"
             );
@@ -149,7 +210,20 @@ impl Gate {
 /// The first bytes of a connection, at least its HTTP request.
 struct Request {
     bytes: Vec<u8>,
+    method: String,
+    target: String,
+    /// Whether it asks for a WebSocket.
+    is_upgrade: bool,
     origins: Vec<String>,
+}
+
+impl Request {
+    fn token(&self) -> Option<&str> {
+        let (_, query) = self.target.split_once('?')?;
+        query
+            .split('&')
+            .find_map(|pair| pair.strip_prefix("token="))
+    }
 }
 
 async fn request(client: &mut TcpStream) -> io::Result<Request> {
@@ -167,7 +241,17 @@ async fn request(client: &mut TcpStream) -> io::Result<Request> {
                     .filter(|h| h.name.eq_ignore_ascii_case("origin"))
                     .map(|h| String::from_utf8_lossy(h.value).into_owned())
                     .collect();
-                return Ok(Request { bytes, origins });
+                let is_upgrade =
+                    (parsed.headers.iter()).any(|h| h.name.eq_ignore_ascii_case("upgrade"));
+                let text = |part: Option<&str>| part.unwrap_or_default().to_owned();
+                let (method, target) = (text(parsed.method), text(parsed.path));
+                return Ok(Request {
+                    bytes,
+                    method,
+                    target,
+                    is_upgrade,
+                    origins,
+                });
             }
             Ok(httparse::Status::Partial) if bytes.len() < LARGEST_REQUEST => {}
             Ok(httparse::Status::Partial) => return Err(invalid("a request that is too long")),
@@ -211,23 +295,40 @@ mod tests {
         assert!(Origins::new(&["*".to_owned()]).allow("https://evil.example"));
     }
 
-    /// A gate before a server that answers every request with its bytes; the gate's address.
-    fn gate(runtime: &tokio::runtime::Runtime) -> SocketAddr {
-        let _entered = runtime.enter();
-        let local = SocketAddr::from(([127, 0, 0, 1], 0));
-        let server = listen(local).unwrap();
+    /// A server that answers every request with its bytes, after `mark`; its address.
+    fn echo(runtime: &tokio::runtime::Runtime, mark: &'static str) -> SocketAddr {
+        let server = listen(SocketAddr::from(([127, 0, 0, 1], 0))).unwrap();
         let address = server.local_addr().unwrap();
         runtime.spawn(async move {
             let server = TcpListener::from_std(server).unwrap();
             while let Ok((mut client, _)) = server.accept().await {
                 let mut bytes = vec![0; 4096];
                 let n = client.read(&mut bytes).await.unwrap();
+                client.write_all(mark.as_bytes()).await.unwrap();
                 client.write_all(&bytes[..n]).await.unwrap();
             }
         });
-        let listener = listen(local).unwrap();
+        address
+    }
+
+    /// A gate before such a server, with one for operators if there is a `token`; the gate's address.
+    fn gate(runtime: &tokio::runtime::Runtime, token: Option<&str>) -> SocketAddr {
+        let _entered = runtime.enter();
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("index.html"), "<p>").unwrap();
+        let operators = token.map(|token| Entry {
+            server: echo(runtime, "operators: "),
+            token: token.to_owned(),
+            page: Page::of(folder.path()).unwrap(),
+        });
+        let routes = Routes {
+            watchers: echo(runtime, ""),
+            operators,
+            origins: Origins::new(&[]),
+        };
+        let listener = listen(SocketAddr::from(([127, 0, 0, 1], 0))).unwrap();
         let public = listener.local_addr().unwrap();
-        let gate = Gate::new(address, Origins::new(&[]), Duration::from_millis(500));
+        let gate = Gate::new(routes, Duration::from_millis(500));
         let listener = TcpListener::from_std(listener).unwrap();
         runtime.spawn(gate.run(listener));
         public
@@ -248,7 +349,7 @@ mod tests {
     #[test]
     fn other_pages_are_refused_and_slow_clients_are_disconnected() {
         let runtime = tokio::runtime::Runtime::new().unwrap();
-        let address = gate(&runtime);
+        let address = gate(&runtime, None);
         let with = |header: &str| format!("GET / HTTP/1.1\r\nHost: x\r\n{header}\r\n");
         for header in ["", "Origin: http://localhost:1\r\n"] {
             let request = with(header);
@@ -276,5 +377,38 @@ mod tests {
             client.write_all(b"x").is_err()
         });
         assert!(closed);
+    }
+
+    #[test]
+    fn the_access_token_leads_to_the_operators_server_and_browsers_get_the_page() {
+        let runtime = tokio::runtime::Runtime::new().unwrap();
+        let address = gate(&runtime, Some("secret"));
+        let ask = |target: &str, headers: &str| {
+            let request = format!("GET {target} HTTP/1.1\r\nHost: x\r\n{headers}\r\n");
+            answer(address, &request)
+        };
+        let socket = "Upgrade: websocket\r\n";
+        for target in ["/?token=secret", "/?a=b&token=secret", "/x?token=secret&c"] {
+            assert!(
+                ask(target, socket).starts_with("operators: GET"),
+                "{target}"
+            );
+        }
+        for target in [
+            "/",
+            "/?token=",
+            "/?token=secre",
+            "/?token=secret0",
+            "/?token=Secret",
+            "/?atoken=secret",
+            "/token=secret",
+        ] {
+            assert!(ask(target, socket).starts_with("GET"), "{target}");
+        }
+        // The token does not help a foreign page.
+        let foreign = format!("{socket}Origin: https://evil.example\r\n");
+        assert!(ask("/?token=secret", &foreign).starts_with("HTTP/1.1 403"));
+        assert!(ask("/", "").ends_with("\r\n\r\n<p>"));
+        assert!(ask("/Cargo.toml", "").starts_with("HTTP/1.1 404"));
     }
 }

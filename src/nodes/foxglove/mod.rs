@@ -1,12 +1,19 @@
 //! The Foxglove node: serves every topic, unchanged, through the WebSocket server of Foxglove's SDK, and adds
-//! annotations of the camera's image.
+//! annotations of the camera's image. With a [`Cockpit`], clients that know its access token also publish commands, set
+//! parameters and call services; one client at a time has control, all others watch.
 
 mod annotations;
+mod assets;
+mod client_topics;
+mod control;
 mod gate;
+mod page;
+mod parameters;
 mod server;
+mod services;
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     net::SocketAddr,
     sync::{Arc, Mutex, OnceLock, PoisonError},
     time::Duration,
@@ -20,15 +27,21 @@ use crate::{
         self, Interface, cdr,
         fuyu_msgs::FeatureTracks,
         geometry_msgs::PoseStamped,
+        rcl_interfaces::ParameterEvent,
         rosgraph_msgs::Clock,
         sensor_msgs::{CameraInfo, Image},
+        std_msgs::String as Text,
         tf2_msgs::TFMessage,
     },
     ros::{Node, NodeError, Qos, RawSample, RawSubscription, Time, qos::Durability},
 };
 use annotations::Overlay;
+use client_topics::ClientTopics;
+use control::Control;
 use gate::Origins;
-use server::Server;
+pub use page::Page;
+use parameters::Parameters;
+use server::{Operation, Server};
 
 /// Interval between searches for new topics.
 const LOOK: Duration = Duration::from_millis(200);
@@ -39,11 +52,35 @@ const ANNOTATIONS: &str = "camera/annotations";
 /// Name of the background image below that prefix: the camera produces no pixels, and a viewer needs an image to draw on.
 const BACKGROUND: &str = "background";
 
-/// The node's program: serves the graph on `address`.
+/// The operator's page and what admits to it.
+pub struct Cockpit {
+    /// The page.
+    pub page: Page,
+    /// The secret that clients need in order to operate.
+    pub token: String,
+}
+
+impl Cockpit {
+    /// The page, with a new secret of 128 bits.
+    pub fn new(page: Page) -> Self {
+        Self {
+            page,
+            token: format!("{:032x}", rand::random::<u128>()),
+        }
+    }
+}
+
+/// The node's program: serves the graph on `address`. `started` gets the address and, with a cockpit, the page's address with
+/// its token, which must not be logged: the log is a topic.
 ///
 /// # Errors
 /// When the address cannot be bound, or DDS fails.
-pub fn program(node: &Node, address: SocketAddr) -> Result<(), NodeError> {
+pub fn program(
+    node: &Node,
+    address: SocketAddr,
+    cockpit: Option<Cockpit>,
+    started: impl Fn(&str),
+) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let origins = declare
         .param(
@@ -53,13 +90,44 @@ pub fn program(node: &Node, address: SocketAddr) -> Result<(), NodeError> {
         )
         .read_only()
         .value();
+    let mut seconds = |name: &str, default: f64, text: &str| {
+        let declared = declare.param(name, default, text).range(0.05, 60.0);
+        Duration::from_secs_f64(declared.read_only().value())
+    };
+    let control_timeout = seconds(
+        "control_timeout",
+        1.0,
+        "Silence of the client that has control after which it loses it, and the arm stops [s]",
+    );
+    let max_lateness = seconds(
+        "max_lateness",
+        0.5,
+        "Commands of a client that arrive so much later than its fastest are dropped [s]",
+    );
     declare.finish()?;
-    let server = Server::start(address, Origins::new(&origins)).map_err(|e| {
+    let control = Arc::new(Mutex::new(Control::new(control_timeout)));
+    let topics = Arc::new(ClientTopics::new(node, Arc::clone(&control), max_lateness));
+    let parameters = Parameters::new(node, Arc::clone(&control));
+    let token = cockpit.as_ref().map(|c| c.token.clone());
+    let operation = cockpit.map(|cockpit| Operation {
+        token: cockpit.token,
+        page: cockpit.page,
+        topics: Arc::clone(&topics),
+        parameters: parameters.handler(),
+    });
+    let server = Server::start(address, Origins::new(&origins), operation).map_err(|e| {
         NodeError::Input(format!(
             "--foxglove={address}: cannot listen there: {e}; give another ADDR:PORT"
         ))
     })?;
     tracing::info!("Foxglove: open ws://{}", server.address());
+    if let Some(token) = &token {
+        // Not in the request of the page, where a proxy would log it.
+        started(&format!("http://{}/#token={token}", server.address()));
+        let name = format!("{}/control", node.name().full());
+        let service = services::control(&name, &control, &topics);
+        server.serve(vec![service]).map_err(refused)?;
+    }
     let server = Arc::new(server);
     let camera = Arc::new(Camera {
         channels: Mutex::default(),
@@ -70,6 +138,12 @@ pub fn program(node: &Node, address: SocketAddr) -> Result<(), NodeError> {
     });
     let mut subscriptions: BTreeMap<String, Option<RawSubscription>> = BTreeMap::new();
     let status = node.diagnostics().status("foxglove");
+    // What operators see besides topics; without a cockpit there are none.
+    let mut nodes = token.as_ref().map(|_| BTreeSet::new());
+    let _events = match &nodes {
+        Some(_) => Some(watch_parameters(node, &server)?),
+        None => None,
+    };
     for topic in topics::all() {
         let name = node.resolve_topic(topic.name)?;
         let sink = Sink::new(node, &server, &camera, &name, &topic.type_name, topic.qos);
@@ -81,6 +155,15 @@ pub fn program(node: &Node, address: SocketAddr) -> Result<(), NodeError> {
     }
     while node.ok() {
         for publisher in node.discovered_publishers() {
+            if let Some(known) = &mut nodes
+                && let Some(name) = node.node_of(publisher.gid)
+                && name != node.name().full()
+                && known.insert(name.clone())
+            {
+                parameters.add_node(&name);
+                let offered = services::of_node(node, &name, &control)?;
+                server.serve(offered).map_err(refused)?;
+            }
             if subscriptions.contains_key(&publisher.topic) {
                 continue;
             }
@@ -100,10 +183,48 @@ pub fn program(node: &Node, address: SocketAddr) -> Result<(), NodeError> {
         }
         status.set("address", server.address());
         status.set("clients", server.clients());
+        if token.is_some() {
+            if topics.expire() {
+                tracing::warn!("the operator's client is silent: it has lost control");
+            }
+            let held = (control.lock())
+                .unwrap_or_else(PoisonError::into_inner)
+                .is_held();
+            let [late, refused] = topics.dropped();
+            status.set(
+                "operator",
+                if held { "a client has control" } else { "none" },
+            );
+            status.set("late commands", late);
+            status.set("refused messages", refused);
+        }
         status.ok("serving");
         std::thread::sleep(LOOK);
     }
     Ok(())
+}
+
+fn refused(error: foxglove::FoxgloveError) -> NodeError {
+    NodeError::Input(format!("the Foxglove server: {error}"))
+}
+
+/// Sends changes of parameters to the operators' clients.
+fn watch_parameters(node: &Node, server: &Arc<Server>) -> Result<RawSubscription, NodeError> {
+    let server = Arc::clone(server);
+    let kind = ParameterEvent::DEFINITION.type_name();
+    node.subscribe_raw(
+        "/parameter_events",
+        &kind,
+        Qos::RELIABLE.depth(1000),
+        move |sample| {
+            if let Ok(event) = cdr::decode(&sample.cdr) {
+                let changed = parameters::changed(event);
+                if !changed.is_empty() {
+                    server.show_parameters(changed);
+                }
+            }
+        },
+    )
 }
 
 /// The strictest QoS compatible with the offered one.
@@ -165,6 +286,9 @@ impl Sink {
             && let Ok(clock) = cdr::decode::<Clock>(&sample.cdr)
         {
             self.server.tell_time(nanos(clock.clock.into()));
+        }
+        if self.type_name == Text::DEFINITION.type_name() && self.latched {
+            self.server.assets.add(&sample.cdr);
         }
         self.camera.see(&self.topic, &sample, time);
         channel.log_with_meta(&sample.cdr, PartialMetadata::with_log_time(time));

@@ -1,38 +1,69 @@
-//! The WebSocket server of Foxglove's SDK with three additions: late subscribers of latched topics
-//! (`robot_description`) receive the last message immediately, a gate refuses foreign web pages, and all its threads end
-//! with it.
+//! The WebSocket server of Foxglove's SDK with additions: late subscribers of latched topics (`robot_description`) receive
+//! the last message immediately, a gate refuses foreign web pages, clients that know the access token may operate, and
+//! all its threads end with it.
+//!
+//! Those who may operate have a server of their own, since the SDK's listener does not learn what a client has sent in its
+//! request. Both servers offer the same topics.
 
 use std::collections::HashMap;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use bytes::Bytes;
-use foxglove::websocket::{Capability, ChannelView, Client, ServerListener};
+use foxglove::websocket::service::Service;
+use foxglove::websocket::{
+    Capability, ChannelView, Client, ClientChannel, Parameter, ParameterHandler, ServerListener,
+};
 use foxglove::{
     Channel, ChannelBuilder, ChannelId, Context, Encode, FoxgloveError, PartialMetadata,
     RawChannel, Schema, WebSocketServer, WebSocketServerHandle,
 };
 use tokio::runtime::Runtime;
 
-use super::gate::{self, Origins};
+use super::assets::Assets;
+use super::client_topics::ClientTopics;
+use super::gate::{self, Entry, Origins, Routes};
+use super::page::Page;
 
 /// A running server; stops when dropped.
 pub struct Server {
     address: SocketAddr,
     context: Arc<Context>,
     latched: Arc<Latched>,
-    /// `None` only during drop.
-    handle: Option<WebSocketServerHandle>,
+    /// Meshes that clients may fetch.
+    pub assets: Arc<Assets>,
+    /// Those who watch and those who may operate, if any; empty only during drop.
+    handles: Vec<WebSocketServerHandle>,
     /// Its runtime; declared last, so that dropping it ends its thread last.
-    _runtime: Runtime,
+    runtime: Runtime,
+}
+
+/// How long clients may take to close their connections when the server stops: one behind a stalled network never does.
+const FAREWELL: Duration = Duration::from_secs(1);
+
+/// What clients that know the access token may do.
+pub struct Operation {
+    /// The secret.
+    pub token: String,
+    /// The page that they open.
+    pub page: Page,
+    /// What they publish.
+    pub topics: Arc<ClientTopics>,
+    /// Parameters that they read and set.
+    pub parameters: Arc<dyn ParameterHandler>,
 }
 
 impl Server {
-    /// Listens on `address`; web pages may connect if `origins` allows them.
+    /// Listens on `address`; web pages may connect if `origins` allows them. Without an `operation` clients only watch.
     ///
     /// # Errors
     /// If the address cannot be bound, or the thread cannot be created.
-    pub fn start(address: SocketAddr, origins: Origins) -> Result<Self, FoxgloveError> {
+    pub fn start(
+        address: SocketAddr,
+        origins: Origins,
+        operation: Option<Operation>,
+    ) -> Result<Self, FoxgloveError> {
         let listener = gate::listen(address).map_err(FoxgloveError::Bind)?;
         let address = listener.local_addr().map_err(FoxgloveError::Bind)?;
         let runtime = tokio::runtime::Builder::new_multi_thread()
@@ -41,25 +72,63 @@ impl Server {
             .enable_all()
             .build()
             .map_err(FoxgloveError::Bind)?;
-        let hidden = gate::hidden_address();
         let context = Context::new();
         let latched = Arc::new(Latched::default());
-        let handle = WebSocketServer::new()
-            .name("fuyu")
-            .bind(hidden.ip().to_string(), hidden.port())
+        let assets = Arc::new(Assets::default());
+        let builder = |hidden: SocketAddr| {
+            let assets = Arc::clone(&assets);
+            WebSocketServer::new()
+                .name("fuyu")
+                .bind(hidden.ip().to_string(), hidden.port())
+                .context(&context)
+                .tokio_runtime(runtime.handle())
+                .fetch_asset_handler_blocking_fn(move |_, name| assets.fetch(&name))
+        };
+        let hidden = gate::hidden_address();
+        let watching = builder(hidden)
             .capabilities([Capability::Time])
             .listener(Arc::clone(&latched) as _)
-            .context(&context)
-            .tokio_runtime(runtime.handle())
             .start_blocking()?;
-        let server = SocketAddr::new(hidden.ip(), handle.port());
-        runtime.spawn(gate::pass(listener, server, origins));
+        let watchers = SocketAddr::new(hidden.ip(), watching.port());
+        let mut handles = vec![watching];
+        let mut operators = None;
+        if let Some(operation) = operation {
+            let hidden = gate::hidden_address();
+            let listener = OperatorListener {
+                latched: Arc::clone(&latched),
+                topics: operation.topics,
+            };
+            let operating = builder(hidden)
+                .capabilities([
+                    Capability::Time,
+                    Capability::ClientPublish,
+                    Capability::Parameters,
+                    Capability::Services,
+                ])
+                .supported_encodings(["cdr"])
+                .parameter_handler(operation.parameters)
+                .listener(Arc::new(listener))
+                .start_blocking()?;
+            operators = Some(Entry {
+                server: SocketAddr::new(hidden.ip(), operating.port()),
+                token: operation.token,
+                page: operation.page,
+            });
+            handles.push(operating);
+        }
+        let routes = Routes {
+            watchers,
+            operators,
+            origins,
+        };
+        runtime.spawn(gate::pass(listener, routes));
         Ok(Self {
             address,
             context,
             latched,
-            handle: Some(handle),
-            _runtime: runtime,
+            assets,
+            handles,
+            runtime,
         })
     }
 
@@ -70,7 +139,25 @@ impl Server {
 
     /// Number of connected clients.
     pub fn clients(&self) -> usize {
-        self.handle.as_ref().map_or(0, |h| h.client_count())
+        self.handles.iter().map(|h| h.client_count()).sum()
+    }
+
+    /// Offers services to those who may operate.
+    ///
+    /// # Errors
+    /// When the SDK rejects one.
+    pub fn serve(&self, services: Vec<Service>) -> Result<(), FoxgloveError> {
+        match self.handles.get(1) {
+            Some(operating) => operating.add_services(services),
+            None => Ok(()),
+        }
+    }
+
+    /// Sends values of parameters to the clients that have asked for changes.
+    pub fn show_parameters(&self, parameters: Vec<Parameter>) {
+        if let Some(operating) = self.handles.get(1) {
+            operating.publish_parameter_values(parameters);
+        }
     }
 
     /// Advertises a topic of CDR-encoded ROS 2 messages.
@@ -108,7 +195,7 @@ impl Server {
 
     /// Broadcasts the current time \[ns\] to all clients.
     pub fn tell_time(&self, time: u64) {
-        if let Some(handle) = &self.handle {
+        for handle in &self.handles {
             handle.broadcast_time(time);
         }
     }
@@ -116,8 +203,12 @@ impl Server {
 
 impl Drop for Server {
     fn drop(&mut self) {
-        if let Some(handle) = self.handle.take() {
-            handle.stop().wait_blocking();
+        for handle in self.handles.drain(..) {
+            let stopped = handle.stop().wait();
+            let stopped = async { tokio::time::timeout(FAREWELL, stopped).await };
+            if self.runtime.block_on(stopped).is_err() {
+                tracing::warn!("Foxglove: a client does not answer; its connection is cut");
+            }
         }
     }
 }
@@ -155,6 +246,30 @@ impl ServerListener for Latched {
     }
 }
 
+/// Listens to those who may operate.
+struct OperatorListener {
+    latched: Arc<Latched>,
+    topics: Arc<ClientTopics>,
+}
+
+impl ServerListener for OperatorListener {
+    fn on_subscribe(&self, client: Client, channel: ChannelView) {
+        self.latched.on_subscribe(client, channel);
+    }
+
+    fn on_client_advertise(&self, client: Client, channel: &ClientChannel) {
+        self.topics.advertised(&client, channel);
+    }
+
+    fn on_message_data(&self, client: Client, channel: &ClientChannel, payload: &[u8]) {
+        self.topics.take(&client, channel, payload);
+    }
+
+    fn on_client_unadvertise(&self, client: Client, channel: &ClientChannel) {
+        self.topics.withdrawn(&client, channel);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -164,7 +279,7 @@ mod tests {
     #[test]
     fn a_handshake_succeeds_from_programs_and_allowed_pages_only() {
         let origins = Origins::new(&["https://app.foxglove.dev".to_owned()]);
-        let server = Server::start(SocketAddr::from(([127, 0, 0, 1], 0)), origins).unwrap();
+        let server = Server::start(SocketAddr::from(([127, 0, 0, 1], 0)), origins, None).unwrap();
         let status = |origin: &str| {
             let mut client = TcpStream::connect(server.address()).unwrap();
             let request = format!(

@@ -1,0 +1,171 @@
+//! Who operates: one client at a time, for as long as it is heard.
+
+use std::time::{Duration, Instant};
+
+/// Fastest drift between the clocks of client and server that is followed \[s/s\].
+const DRIFT: f64 = 1e-3;
+
+/// Control of the robot. Clients are identified by `C`.
+#[derive(Debug)]
+pub struct Control<C> {
+    timeout: Duration,
+    holder: Option<Holder<C>>,
+    /// The last client that was silent for too long. What it has sent in the meantime must not give it control again.
+    silent: Option<C>,
+}
+
+#[derive(Debug)]
+struct Holder<C> {
+    client: C,
+    heard: Instant,
+    delay: Delay,
+}
+
+impl<C: Copy + PartialEq> Control<C> {
+    /// Nobody has control. A client loses it when it has been silent for `timeout`.
+    pub fn new(timeout: Duration) -> Self {
+        Self {
+            timeout,
+            holder: None,
+            silent: None,
+        }
+    }
+
+    /// Gives `client` control if nobody else has it; returns whether it has control now.
+    pub fn take(&mut self, client: C, now: Instant) -> bool {
+        match &mut self.holder {
+            Some(holder) if holder.client == client => holder.heard = now,
+            Some(_) => return false,
+            None => {
+                self.holder = Some(Holder {
+                    client,
+                    heard: now,
+                    delay: Delay::default(),
+                });
+                self.silent = None;
+            }
+        }
+        true
+    }
+
+    /// Whether a command that `client` publishes counts. If nobody has control, the client takes it by the command, unless it
+    /// has just lost it by its silence.
+    pub fn command(&mut self, client: C, now: Instant) -> bool {
+        if self.holder.is_none() && self.silent == Some(client) {
+            return false;
+        }
+        self.take(client, now)
+    }
+
+    /// Whether `client` has control.
+    pub fn holds(&self, client: C) -> bool {
+        self.holder.as_ref().is_some_and(|h| h.client == client)
+    }
+
+    /// Whether any client has control.
+    pub fn is_held(&self) -> bool {
+        self.holder.is_some()
+    }
+
+    /// How much longer a message took than the fastest one of the client that has control \[s\]: `sent` by the client's
+    /// clock, `received` by the server's.
+    pub fn lateness(&mut self, sent: f64, received: f64) -> f64 {
+        let holder = self.holder.as_mut();
+        holder.map_or(0.0, |h| h.delay.excess(sent, received))
+    }
+
+    /// Takes control from `client`; returns whether it had it.
+    pub fn release(&mut self, client: C) -> bool {
+        let held = self.holds(client);
+        if held {
+            self.holder = None;
+        }
+        held
+    }
+
+    /// Takes control from a client that has been silent for too long; returns it.
+    pub fn expire(&mut self, now: Instant) -> Option<C> {
+        let holder = self.holder.as_ref()?;
+        let (client, silence) = (holder.client, now.saturating_duration_since(holder.heard));
+        if silence <= self.timeout {
+            return None;
+        }
+        self.holder = None;
+        self.silent = Some(client);
+        Some(client)
+    }
+}
+
+/// Delays of messages between two clocks whose offset is unknown, relative to the least one.
+#[derive(Debug, Default)]
+struct Delay {
+    /// Least difference of the clocks' times so far \[s\], and when it was last updated.
+    least: Option<(f64, f64)>,
+}
+
+impl Delay {
+    fn excess(&mut self, sent: f64, received: f64) -> f64 {
+        let difference = received - sent;
+        let least = match self.least {
+            Some((least, at)) => (least + DRIFT * (received - at).max(0.0)).min(difference),
+            None => difference,
+        };
+        self.least = Some((least, received));
+        difference - least
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TIMEOUT: Duration = Duration::from_secs(1);
+
+    #[test]
+    fn one_client_operates_until_it_releases() {
+        let mut control = Control::new(TIMEOUT);
+        let now = Instant::now();
+        assert!(!control.is_held());
+        assert!(control.command('a', now) && control.holds('a'));
+        assert!(!control.take('b', now) && !control.command('b', now));
+        assert!(!control.release('b') && control.holds('a'));
+        assert!(control.release('a') && !control.is_held());
+        assert!(control.take('b', now) && !control.command('a', now));
+    }
+
+    // A network that was interrupted delivers what was sent during the interruption.
+    #[test]
+    fn a_silent_client_loses_control_and_must_ask_for_it() {
+        let mut control = Control::new(TIMEOUT);
+        let start = Instant::now();
+        let at = |ms: u64| start + Duration::from_millis(ms);
+        assert!(control.command('a', at(0)) && control.command('a', at(900)));
+        assert_eq!(control.expire(at(1900)), None);
+        assert_eq!(control.expire(at(1901)), Some('a'));
+        assert_eq!(control.expire(at(1902)), None);
+        assert!(!control.command('a', at(1950)) && !control.is_held());
+        assert!(control.take('a', at(2000)) && control.command('a', at(2001)));
+        // Another client need not ask first.
+        assert_eq!(control.expire(at(9000)), Some('a'));
+        assert!(control.command('b', at(9001)));
+    }
+
+    #[test]
+    fn lateness_is_measured_between_clocks_of_any_offset() {
+        for offset in [0.0, 1e9, -1e9] {
+            let mut control = Control::new(TIMEOUT);
+            control.take('a', Instant::now());
+            let mut late = |sent: f64, delay| control.lateness(sent, sent + delay + offset);
+            let close = |a: f64, b: f64| (a - b).abs() < 1e-6;
+            assert!(close(late(0.0, 0.08), 0.0));
+            assert!(close(late(0.02, 0.05), 0.0));
+            assert!(close(late(0.04, 0.75), 0.7 - 0.72 * DRIFT));
+            assert!(late(0.8, 0.05).abs() < 2e-3);
+            // A clock that is slower by 5e-4 s/s is not late after an hour.
+            for i in 1..36_000 {
+                let t = f64::from(i) * 0.1;
+                assert!(late(t, 0.05 + 5e-4 * t) < 1e-3);
+            }
+        }
+    }
+}
