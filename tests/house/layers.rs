@@ -10,7 +10,7 @@ use crate::sources::{PACKAGES, root, rust_files, sources};
 type Layer = (&'static str, &'static [&'static str]);
 
 /// The modules of each package, the lowest first.
-const LAYERS: [(&str, &[Layer]); 5] = [
+const LAYERS: [(&str, &[Layer]); 6] = [
     (
         "fuyu-physics",
         &[
@@ -51,6 +51,33 @@ const LAYERS: [(&str, &[Layer]); 5] = [
             ("structure", &["matrix"]),
             ("proof_mass", &["matrix", "structure"]),
             ("kida1993", &["matrix", "margins", "shaped_lqr"]),
+        ],
+    ),
+    (
+        "fuyu-render",
+        &[
+            ("motion", &[]),
+            ("lens", &[]),
+            ("primitives", &[]),
+            // Its tests only.
+            ("mesh", &["primitives"]),
+            ("encode", &[]),
+            ("load", &[]),
+            ("urdf", &["primitives"]),
+            ("earth", &[]),
+            ("camera", &[]),
+            ("scene", &[]),
+            ("frame", &[]),
+            ("sensor", &[]),
+            ("stars", &[]),
+            ("projection", &["camera"]),
+            ("raster", &["camera", "projection"]),
+            ("shadow", &["primitives", "projection"]),
+            ("shade", &["projection", "shadow"]),
+            (
+                "render",
+                &["camera", "projection", "raster", "shade", "shadow", "stars"],
+            ),
         ],
     ),
     (
@@ -132,7 +159,7 @@ fn modules_use_only_those_below_them() {
 #[test]
 fn physics_uses_no_files_environment_network_processes_or_threads() {
     let mut wrong = BTreeSet::new();
-    let physics = ["fuyu-physics", "fuyu-structures", "fuyu-lti"];
+    let physics = ["fuyu-physics", "fuyu-structures", "fuyu-lti", "fuyu-render"];
     for source in sources().iter().filter(|s| physics.contains(&s.package)) {
         for name in source.names_below("std") {
             if ["fs", "env", "net", "process", "thread"].contains(&name.as_str()) {
@@ -175,6 +202,11 @@ fn physics_depends_on_no_ros_and_ros_on_no_physics() {
             "fuyu-lti",
             "nalgebra",
             &["fuyu-physics", "fuyu-ros", "ros2-client", "rustdds"],
+        ),
+        (
+            "fuyu-render",
+            "rayon",
+            &["fuyu-physics", "fuyu-ros", "rustdds", "wgpu"],
         ),
         (
             "fuyu-ros",

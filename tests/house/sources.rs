@@ -17,10 +17,11 @@ pub fn read(path: impl AsRef<Path>) -> String {
 }
 
 /// Names of the packages of the workspace and their folders.
-pub const PACKAGES: [(&str, &str); 5] = [
+pub const PACKAGES: [(&str, &str); 6] = [
     ("fuyu", ""),
     ("fuyu-lti", "crates/fuyu-lti"),
     ("fuyu-physics", "crates/fuyu-physics"),
+    ("fuyu-render", "crates/fuyu-render"),
     ("fuyu-ros", "crates/fuyu-ros"),
     ("fuyu-structures", "crates/fuyu-structures"),
 ];
