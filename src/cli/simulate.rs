@@ -11,7 +11,8 @@ use crate::{
     bag::BagError,
     control::ConvergenceFailure,
     experiments::{
-        Event, EventWatch, FinalState, Fleet, Performance, Recorded, SimulatedBag, Summary,
+        ClosedLoop, Event, EventWatch, FinalState, Fleet, Performance, Recorded, SimulatedBag,
+        SimulatedImages, Summary,
     },
     nodes::{dynamics::World, scenario::Scenario},
 };
@@ -137,12 +138,16 @@ pub fn run(args: &Args) -> Result<(), Failure> {
                 .collect::<Result<_, _>>()
                 .map_err(Failure::Input)?;
             let robots = fleet.robots().zip(&descriptions);
-            let robots = robots.map(|((namespace, run), description)| Recorded {
-                namespace,
-                run,
-                description,
+            let robots = robots.map(|((namespace, run), description)| {
+                Ok(Recorded {
+                    namespace,
+                    run,
+                    description,
+                    images: images(&scenario.of_robot(namespace), run, description)?,
+                })
             });
-            let bag = SimulatedBag::create(folder, &robots.collect::<Vec<_>>());
+            let robots = robots.collect::<Result<_, _>>().map_err(Failure::Input)?;
+            let bag = SimulatedBag::create(folder, robots);
             Some(bag.map_err(|e| Failure::Input(e.to_string()))?)
         }
     };
@@ -177,6 +182,23 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     })
 }
 
+/// The images that the scenario's camera renders.
+fn images(
+    scenario: &Scenario,
+    run: &ClosedLoop,
+    description: &str,
+) -> Result<Option<SimulatedImages>, String> {
+    if !scenario.has("camera") {
+        return Ok(None);
+    }
+    let Some(params) = scenario.camera()?.images else {
+        return Ok(None);
+    };
+    let images = SimulatedImages::new(&params, run, description);
+    let at = |e: String| format!("{}: node camera: {e}", scenario.path().display());
+    images.map(Some).map_err(at)
+}
+
 fn simulate(
     fleet: &mut Fleet,
     duration: f64,
@@ -203,6 +225,7 @@ fn simulate(
             let closed_loop = fleet.robot(i);
             if let Some(bag) = bag.as_deref_mut() {
                 bag.state(i, &mut closed_loop.world)?;
+                bag.images::<Stop>(i, &closed_loop.world)?;
             }
             let answered = closed_loop.answer::<Stop>(&mut frames, |world, moment| {
                 performance.see(world, moment);
