@@ -56,6 +56,16 @@ pub fn placed(scene: &Scene, fraction: f64) -> Vec<Placed> {
 /// Triangles that one task projects.
 const BLOCK: usize = 2048;
 
+/// Some triangles of an instance.
+struct Block {
+    instance: usize,
+    /// Of the mesh in the camera's frame.
+    X_CM: Isometry3<f64>,
+    /// Whether back faces are left out.
+    culls: bool,
+    triangles: std::ops::Range<usize>,
+}
+
 /// Projects all triangles that may be seen, in their order. `X_CW` takes the world to the camera's frame.
 pub fn project(
     scene: &Scene,
@@ -79,25 +89,32 @@ pub fn project(
         if !place.is_drawn || centre_C.z + radius < near || misses(&view, &centre_C, radius) {
             continue;
         }
-        let count = instance.mesh.data().triangles.len();
-        let starts = (0..count).step_by(BLOCK);
-        blocks.extend(starts.map(|start| (i, X_CM, start, (start + BLOCK).min(count))));
-    }
-    let project_block = |(i, X_CM, start, end): &(usize, Isometry3<f64>, usize, usize)| {
-        let mesh = &scene.instances[*i].mesh;
-        let data = mesh.data();
+        let mesh = &instance.mesh;
         // Seen from outside a closed mesh, its back faces are hidden; from inside they are all there is.
         let camera_M = X_CM.inverse().translation.vector;
         let culls = mesh.hides_back_faces() && !mesh.contains(&camera_M);
+        let count = mesh.data().triangles.len();
+        let starts = (0..count).step_by(BLOCK);
+        blocks.extend(starts.map(|start| Block {
+            instance: i,
+            X_CM,
+            culls,
+            triangles: start..(start + BLOCK).min(count),
+        }));
+    }
+    let project_block = |block: &Block| {
+        let data = scene.instances[block.instance].mesh.data();
+        let X_CM = &block.X_CM;
         let (R, p) = (X_CM.rotation.to_rotation_matrix(), X_CM.translation.vector);
         let place = |i: u32| R * Vector3::from(data.positions[i as usize].map(f64::from)) + p;
-        let triangles = data.triangles[*start..*end].iter().zip(*start..);
-        let projected = triangles.filter_map(|(t, index)| {
-            let mut projected = one(&t.map(place), culls, near, rays)?;
-            (projected.instance, projected.triangle) = (*i as u32, index as u32);
+        let triangles = block.triangles.clone().filter_map(|index| {
+            let corners = data.triangles[index].map(place);
+            let mut projected = one(&corners, block.culls, near, rays)?;
+            projected.instance = block.instance as u32;
+            projected.triangle = index as u32;
             Some(projected)
         });
-        projected.collect::<Vec<_>>()
+        triangles.collect::<Vec<_>>()
     };
     let projected: Vec<Vec<Projected>> = blocks.par_iter().map(project_block).collect();
     projected.concat()

@@ -187,7 +187,8 @@ struct Topics {
 
 impl Topics {
     fn new(node: &Node, params: &CameraParams) -> Result<Self, NodeError> {
-        let is_rendered = (params.images.as_ref()).is_some_and(|images| images.main_lens().is_some());
+        let is_rendered =
+            (params.images.as_ref()).is_some_and(|images| images.main_lens().is_some());
         let camera_info = match is_rendered {
             true => None,
             false => {

@@ -117,9 +117,7 @@ impl CameraParams {
         Self::declare_live(declare).map(|(params, _)| params)
     }
 
-    pub(super) fn declare_live(
-        declare: &mut Declare,
-    ) -> Result<(Self, LiveParams), String> {
+    pub(super) fn declare_live(declare: &mut Declare) -> Result<(Self, LiveParams), String> {
         let tip_link = declare_tip_link(declare);
         let goal = declare_pose(declare, "goal", "goal object", true);
         let goal_frame = declare

@@ -69,11 +69,17 @@ impl Body {
                 joint_vectors::positions(&self.model, joints)?,
                 joint_vectors::velocities(&self.model, joints)?,
             ),
-            None => (DVector::zeros(self.model.dof()), DVector::zeros(self.model.dof())),
+            None => (
+                DVector::zeros(self.model.dof()),
+                DVector::zeros(self.model.dof()),
+            ),
         };
         let X_WB = pose_from_msg(&odometry.pose.pose)?;
         let twist = &odometry.twist.twist;
-        let (v_WB_B, w_WB_B) = (vector_from_msg(&twist.linear), vector_from_msg(&twist.angular));
+        let (v_WB_B, w_WB_B) = (
+            vector_from_msg(&twist.linear),
+            vector_from_msg(&twist.angular),
+        );
         if !v_WB_B.iter().chain(w_WB_B.iter()).all(|x| x.is_finite()) {
             return Err("twist is not finite".to_owned());
         }
@@ -148,15 +154,28 @@ mod tests {
         let dof = model.dof();
         let mut body = Body::new(model, &Shape::of_urdf(xml, "servicer"));
         let joints = JointState {
-            name: body.model().joints().iter().map(|j| j.name.clone()).collect(),
+            name: body
+                .model()
+                .joints()
+                .iter()
+                .map(|j| j.name.clone())
+                .collect(),
             position: vec![0.1; dof],
             velocity: [vec![0.5], vec![0.0; dof - 1]].concat(),
             ..JointState::default()
         };
         let mut odometry = Odometry::default();
         odometry.pose.pose.orientation.w = 1.0;
-        odometry.twist.twist.linear = geometry_msgs::Vector3 { x: 2.0, y: 0.0, z: 0.0 };
-        odometry.twist.twist.angular = geometry_msgs::Vector3 { x: 0.0, y: 0.0, z: 0.4 };
+        odometry.twist.twist.linear = geometry_msgs::Vector3 {
+            x: 2.0,
+            y: 0.0,
+            z: 0.0,
+        };
+        odometry.twist.twist.angular = geometry_msgs::Vector3 {
+            x: 0.0,
+            y: 0.0,
+            z: 0.4,
+        };
         let state = body.state(Some(&joints), &odometry).unwrap();
         let motions = body.part_motions(&state, 0.02);
         // The first part is the base's cylinder, about its origin.

@@ -87,7 +87,8 @@ impl Stage {
         for ((id, body), state) in (1..).zip(&mut self.bodies).zip(states) {
             let motions = body.part_motions(state, exposure);
             let parts = body.parts().zip(motions);
-            instances.extend(parts.map(|(part, motion)| Instance::new(part.mesh.clone(), id, motion)));
+            instances
+                .extend(parts.map(|(part, motion)| Instance::new(part.mesh.clone(), id, motion)));
         }
         let (robot, state) = (&mut self.bodies[0], &states[0]);
         let frames = self.frames.iter();

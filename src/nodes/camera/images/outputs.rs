@@ -84,8 +84,16 @@ pub fn outputs(spec: &CameraSpec) -> Vec<Output> {
     }
     if spec.baseline > 0.0 {
         for (info, image, compressed) in [
-            (&topics::LEFT_CAMERA_INFO, &topics::LEFT_IMAGE, &topics::LEFT_COMPRESSED_IMAGE),
-            (&topics::RIGHT_CAMERA_INFO, &topics::RIGHT_IMAGE, &topics::RIGHT_COMPRESSED_IMAGE),
+            (
+                &topics::LEFT_CAMERA_INFO,
+                &topics::LEFT_IMAGE,
+                &topics::LEFT_COMPRESSED_IMAGE,
+            ),
+            (
+                &topics::RIGHT_CAMERA_INFO,
+                &topics::RIGHT_IMAGE,
+                &topics::RIGHT_COMPRESSED_IMAGE,
+            ),
         ] {
             all.push(output(info, name, Content::Info));
             all.push(output(image, name, Content::Image));
@@ -145,7 +153,10 @@ pub fn infos(spec: &CameraSpec, time: f64) -> Vec<(usize, ImageMessage)> {
     let messages = calibrations.map(|(i, output)| {
         let is_right = output.topic.ends_with("/right/camera_info");
         let offset = if is_right { spec.baseline } else { 0.0 };
-        (i, ImageMessage::Info(info(spec, header(spec, time), offset)))
+        (
+            i,
+            ImageMessage::Info(info(spec, header(spec, time), offset)),
+        )
     });
     messages.collect()
 }

@@ -96,8 +96,7 @@ const DEPTHS: [(&str, Depth); 3] = [
     ("16UC1", Depth::Millimetres),
     ("32FC1", Depth::Metres),
 ];
-const TRANSFERS: [(&str, Transfer); 2] =
-    [("linear", Transfer::Linear), ("srgb", Transfer::Srgb)];
+const TRANSFERS: [(&str, Transfer); 2] = [("linear", Transfer::Linear), ("srgb", Transfer::Srgb)];
 
 impl Colour {
     /// Its name in `sensor_msgs/Image`.

@@ -101,7 +101,8 @@ impl Shape {
         data.transform(&scale, &Isometry3::identity());
         let mesh = Arc::new(Mesh::new(data).map_err(|e| at(e.to_string()))?);
         if !mesh.is_closed() {
-            let note = format!("{file}: the mesh is not closed; both sides of its triangles are drawn");
+            let note =
+                format!("{file}: the mesh is not closed; both sides of its triangles are drawn");
             self.notes.push(note);
         }
         known.insert(key, mesh.clone());
@@ -119,7 +120,8 @@ mod tests {
     use super::*;
 
     fn shape(visual: &str) -> Shape {
-        let xml = format!("<robot name=\"r\"><link name=\"a\"><visual>{visual}</visual></link></robot>");
+        let xml =
+            format!("<robot name=\"r\"><link name=\"a\"><visual>{visual}</visual></link></robot>");
         Shape::of_urdf(&xml, "test.urdf")
     }
 
@@ -135,7 +137,8 @@ mod tests {
 
     #[test]
     fn meshes_that_cannot_be_drawn_are_reported_in_one_line() {
-        let missing = shape("<geometry><mesh filename=\"package://fuyu/urdf/none.stl\"/></geometry>");
+        let missing =
+            shape("<geometry><mesh filename=\"package://fuyu/urdf/none.stl\"/></geometry>");
         let [problem] = &missing.problems[..] else {
             panic!("{missing:?}");
         };
@@ -154,7 +157,10 @@ mod tests {
              <material name=\"m\"><color rgba=\"1 0 0 1\"/></material>"
         ));
         assert_eq!(shape.parts.len(), 1, "{shape:?}");
-        assert_eq!(shape.parts[0].mesh.data().materials[0].diffuse, [1.0, 0.0, 0.0]);
+        assert_eq!(
+            shape.parts[0].mesh.data().materials[0].diffuse,
+            [1.0, 0.0, 0.0]
+        );
         assert_eq!(shape.parts[0].mesh.data().positions[1], [2.0, 0.0, 0.0]);
         assert!(shape.notes[0].contains("not closed"));
     }

@@ -154,7 +154,9 @@ impl ImageThread {
         match self.reports.try_recv() {
             Ok(rendered) => Ok(Some(rendered)),
             Err(TryRecvError::Empty) => Ok(None),
-            Err(TryRecvError::Disconnected) => Err("the thread that renders has panicked".to_owned()),
+            Err(TryRecvError::Disconnected) => {
+                Err("the thread that renders has panicked".to_owned())
+            }
         }
     }
 }

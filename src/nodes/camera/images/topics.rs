@@ -307,7 +307,8 @@ impl ImageTopics {
         let mut targets = Vec::new();
         for target in &self.targets {
             let Some((model, shape)) = &target.known else {
-                self.status.warn(format!("no description of {} has arrived yet", target.name));
+                self.status
+                    .warn(format!("no description of {} has arrived yet", target.name));
                 return;
             };
             targets.push(Body::new(model.clone(), shape));
@@ -335,7 +336,8 @@ impl ImageTopics {
             match self.thread.report() {
                 Ok(Some(rendered)) => {
                     let milliseconds = rendered.duration * 1e3;
-                    self.status.set("time per image [ms]", format!("{milliseconds:.1}"));
+                    self.status
+                        .set("time per image [ms]", format!("{milliseconds:.1}"));
                     match rendered.enclosed.first() {
                         Some(line) => self.status.warn(line.clone()),
                         None => self.status.ok("rendering"),
@@ -349,6 +351,7 @@ impl ImageTopics {
             }
         }
         self.status.set("images lost", self.stream.lost());
-        self.status.set("images skipped, renderer busy", self.skipped);
+        self.status
+            .set("images skipped, renderer busy", self.skipped);
     }
 }
