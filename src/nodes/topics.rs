@@ -165,6 +165,9 @@ topics! {
     MARKERS: Topic<MarkerArray> = "markers", RELIABLE, ["views"] => ["you"];
 }
 
+/// The camera that the features are seen by, with which the names of its topics begin.
+pub const CAMERA: &str = "camera";
+
 /// The last part of a name such as `/chaser/base_link`: the base of the robot in that namespace.
 pub const BASE: &str = "base_link";
 
@@ -192,6 +195,14 @@ impl<M: Interface> Topic<M> {
     /// When the node cannot publish.
     pub fn advertise(&self, node: &Node) -> Result<Publisher<M>, NodeError> {
         node.advertise(self.name, self.qos)
+    }
+
+    /// Name of the same topic of the camera called `name`: `wrist/depth` for `camera/depth`.
+    pub fn of_camera(&self, name: &str) -> String {
+        match self.name.strip_prefix(CAMERA) {
+            Some(rest) => format!("{name}{rest}"),
+            None => self.name.to_owned(),
+        }
     }
 
     /// Subscribes to it.

@@ -2,10 +2,9 @@
 
 use fuyu_render::{Frame, Sensor, encode};
 
-use super::params::{CameraSpec, Colour, Compression, Depth, MAIN};
+use super::params::{CameraSpec, Colour, Compression, Depth};
 use crate::{
     msg::{
-        Interface,
         sensor_msgs::{CameraInfo, CompressedImage, Image},
         std_msgs::Header,
     },
@@ -55,51 +54,52 @@ pub enum Side {
     Right,
 }
 
-fn output<M: Interface>(topic: &topics::Topic<M>, camera: &str, content: Content) -> Output {
-    Output {
-        topic: match topic.name.strip_prefix(MAIN) {
-            Some(rest) => format!("{camera}{rest}"),
-            None => topic.name.to_owned(),
-        },
-        content,
-        qos: topic.qos,
-    }
-}
-
 /// The topics of a camera, in the order in which [`messages`] and [`infos`] refer to them.
 pub fn outputs(spec: &CameraSpec) -> Vec<Output> {
     let name = &spec.name;
-    let mut all = vec![
-        output(&topics::CAMERA_INFO, name, Content::Info),
-        output(&topics::IMAGE, name, Content::Image),
-    ];
-    if spec.compressed != Compression::None {
-        all.push(output(&topics::COMPRESSED_IMAGE, name, Content::Compressed));
+    let mut all = Vec::new();
+    let mut add = |topic: String, content: Content| {
+        let qos = match content {
+            Content::Info => Qos::LATCHED,
+            Content::Image | Content::Compressed => Qos::SENSOR_DATA,
+        };
+        all.push(Output {
+            topic,
+            content,
+            qos,
+        });
+    };
+    let is_compressed = spec.compressed != Compression::None;
+    add(topics::CAMERA_INFO.of_camera(name), Content::Info);
+    add(topics::IMAGE.of_camera(name), Content::Image);
+    if is_compressed {
+        add(
+            topics::COMPRESSED_IMAGE.of_camera(name),
+            Content::Compressed,
+        );
     }
     if spec.depth != Depth::None {
-        all.push(output(&topics::DEPTH, name, Content::Image));
+        add(topics::DEPTH.of_camera(name), Content::Image);
     }
     if spec.segmentation {
-        all.push(output(&topics::SEGMENTATION, name, Content::Image));
+        add(topics::SEGMENTATION.of_camera(name), Content::Image);
     }
     if spec.baseline > 0.0 {
-        for (info, image, compressed) in [
-            (
-                &topics::LEFT_CAMERA_INFO,
-                &topics::LEFT_IMAGE,
-                &topics::LEFT_COMPRESSED_IMAGE,
-            ),
-            (
-                &topics::RIGHT_CAMERA_INFO,
-                &topics::RIGHT_IMAGE,
-                &topics::RIGHT_COMPRESSED_IMAGE,
-            ),
-        ] {
-            all.push(output(info, name, Content::Info));
-            all.push(output(image, name, Content::Image));
-            if spec.compressed != Compression::None {
-                all.push(output(compressed, name, Content::Compressed));
-            }
+        add(topics::LEFT_CAMERA_INFO.of_camera(name), Content::Info);
+        add(topics::LEFT_IMAGE.of_camera(name), Content::Image);
+        if is_compressed {
+            add(
+                topics::LEFT_COMPRESSED_IMAGE.of_camera(name),
+                Content::Compressed,
+            );
+        }
+        add(topics::RIGHT_CAMERA_INFO.of_camera(name), Content::Info);
+        add(topics::RIGHT_IMAGE.of_camera(name), Content::Image);
+        if is_compressed {
+            add(
+                topics::RIGHT_COMPRESSED_IMAGE.of_camera(name),
+                Content::Compressed,
+            );
         }
     }
     all

@@ -10,7 +10,7 @@ use crate::{
 };
 
 /// The camera that the features are seen by.
-pub const MAIN: &str = "camera";
+pub use crate::nodes::topics::CAMERA as MAIN;
 
 /// The images of the camera node.
 #[derive(Debug, Clone)]

@@ -22,7 +22,7 @@ pub struct ImageTopics {
     params: ImageParams,
     thread: ImageThread,
     targets: Vec<TargetSource>,
-    robot: VecDeque<(Time, JointState, Odometry)>,
+    robot: VecDeque<(Time, (JointState, Odometry))>,
     stage: Option<Stage>,
     /// The robot's description that the stage is made of.
     description: String,
@@ -30,6 +30,8 @@ pub struct ImageTopics {
     stream: FrameStream<()>,
     status: Status,
     skipped: u64,
+    /// Meshes that are not drawn: a line each.
+    problems: Vec<String>,
 }
 
 /// A target that is drawn.
@@ -65,11 +67,11 @@ impl TargetSource {
     fn receive(&mut self, status: &Status) -> bool {
         while let Some(received) = self.odometry.take() {
             let stamp = Time::from(&received.message.header.stamp);
-            keep(&mut self.poses, (stamp, received.message));
+            keep(&mut self.poses, stamp, received.message);
         }
         while let Some(received) = self.joints.take() {
             let stamp = Time::from(&received.message.header.stamp);
-            keep(&mut self.positions, (stamp, received.message));
+            keep(&mut self.positions, stamp, received.message);
         }
         let Some(received) = self.description.latest() else {
             return false;
@@ -78,7 +80,7 @@ impl TargetSource {
         match Model::repaired_from_urdf(&xml, source) {
             Ok(repaired) => {
                 let shape = Shape::of_urdf(&xml, source);
-                report_shape(&shape, status);
+                log_shape(&shape);
                 self.known = Some((repaired.model, shape));
                 true
             }
@@ -109,11 +111,15 @@ impl TargetSource {
     }
 }
 
-fn keep<T>(queue: &mut VecDeque<T>, item: T) {
+/// Adds a sample. When time jumps back, those of the run before are dropped.
+fn keep<T>(queue: &mut VecDeque<(Time, T)>, stamp: Time, sample: T) {
+    if queue.back().is_some_and(|(last, _)| *last > stamp) {
+        queue.clear();
+    }
     if queue.len() >= KEPT {
         queue.pop_front();
     }
-    queue.push_back(item);
+    queue.push_back((stamp, sample));
 }
 
 /// Removes the sample with this stamp and those before it. `Err` if there is no sample of this time or later yet.
@@ -131,13 +137,12 @@ fn take_at<T>(queue: &mut VecDeque<(Time, T)>, stamp: Time) -> Result<Option<T>,
     Err(())
 }
 
-fn report_shape(shape: &Shape, status: &Status) {
+fn log_shape(shape: &Shape) {
     for note in &shape.notes {
         tracing::info!("{note}");
     }
     for problem in &shape.problems {
         tracing::error!("{problem}; it is not drawn");
-        status.error(format!("{problem}; it is not drawn"));
     }
 }
 
@@ -163,6 +168,7 @@ impl ImageTopics {
             stream: FrameStream::new(params.settings.stream),
             status,
             skipped: 0,
+            problems: Vec::new(),
             params: params.clone(),
         })
     }
@@ -187,15 +193,7 @@ impl ImageTopics {
 
     /// Adds a state of the robot.
     pub fn add_state(&mut self, stamp: Time, joints: &JointState, base: &Odometry) {
-        if self.robot.back().is_some_and(|(last, ..)| *last > stamp) {
-            // Time has jumped back: another run.
-            self.robot.clear();
-            for target in &mut self.targets {
-                target.poses.retain(|(s, _)| *s <= stamp);
-                target.positions.retain(|(s, _)| *s <= stamp);
-            }
-        }
-        keep(&mut self.robot, (stamp, joints.clone(), base.clone()));
+        keep(&mut self.robot, stamp, (joints.clone(), base.clone()));
     }
 
     /// Renders what is due, and publishes images whose latency has passed.
@@ -207,7 +205,7 @@ impl ImageTopics {
         if changed || (self.stage.is_none() && !self.description.is_empty()) {
             self.build_stage();
         }
-        while let Some((stamp, ..)) = self.robot.front() {
+        while let Some((stamp, _)) = self.robot.front() {
             let stamp = *stamp;
             let mut of_targets = Vec::new();
             for target in &mut self.targets {
@@ -220,7 +218,7 @@ impl ImageTopics {
                     }
                 }
             }
-            let Some((_, joints, base)) = self.robot.pop_front() else {
+            let Some((_, (joints, base))) = self.robot.pop_front() else {
                 break;
             };
             let of_targets: Option<Vec<_>> = of_targets.into_iter().collect();
@@ -319,7 +317,15 @@ impl ImageTopics {
             Err(problem) => return self.status.error(problem.to_string()),
         };
         let shape = Shape::of_urdf(&self.description, source);
-        report_shape(&shape, &self.status);
+        log_shape(&shape);
+        self.problems.clone_from(&shape.problems);
+        for (_, shape) in self
+            .targets
+            .iter()
+            .filter_map(|target| target.known.as_ref())
+        {
+            self.problems.extend_from_slice(&shape.problems);
+        }
         match Stage::new(&self.params, Body::new(model, &shape), targets) {
             Ok(stage) => self.stage = Some(stage),
             Err(problem) => {
@@ -338,9 +344,12 @@ impl ImageTopics {
                     let milliseconds = rendered.duration * 1e3;
                     self.status
                         .set("time per image [ms]", format!("{milliseconds:.1}"));
-                    match rendered.enclosed.first() {
-                        Some(line) => self.status.warn(line.clone()),
-                        None => self.status.ok("rendering"),
+                    match (self.problems.first(), rendered.enclosed.first()) {
+                        (Some(problem), _) => {
+                            self.status.error(format!("{problem}; it is not drawn"));
+                        }
+                        (None, Some(line)) => self.status.warn(line.clone()),
+                        (None, None) => self.status.ok("rendering"),
                     }
                 }
                 Ok(None) => break,
