@@ -3,14 +3,21 @@
 
 use std::path::Path;
 
-use super::{AttitudeAnswer, ClosedLoop, Moment};
+use super::{AttitudeAnswer, ClosedLoop, Moment, SimulatedImages};
 use crate::{
     bag::{BagError, Recording, Topic, TopicId, Writer, WriterOptions},
     control::Stamp,
-    msg::{Interface, rosgraph_msgs, std_msgs},
+    msg::{
+        Interface, rosgraph_msgs,
+        sensor_msgs::{CameraInfo, CompressedImage, Image},
+        std_msgs,
+    },
     nodes::{
         attitude::AttitudeMessages,
-        camera,
+        camera::{
+            self,
+            images::{Content, ImageMessage, MAIN},
+        },
         controller::ControllerMessages,
         dynamics::{
             FrameTree, Target, World, appendage_states, external_impulse, imu, joint_states,
@@ -37,6 +44,8 @@ pub struct Recorded<'a> {
     pub run: &'a ClosedLoop,
     /// Its URDF.
     pub description: &'a str,
+    /// Images that its cameras render.
+    pub images: Option<SimulatedImages>,
 }
 
 /// Topics of a robot.
@@ -56,6 +65,52 @@ struct RobotTopics {
     /// Commands of an operator.
     rates: Option<TopicId>,
     attitude: Option<AttitudeTopics>,
+    images: Option<RenderedImages>,
+}
+
+/// Rendered images and their topics.
+struct RenderedImages {
+    images: SimulatedImages,
+    topics: Vec<TopicId>,
+}
+
+impl RenderedImages {
+    /// Adds the topics, and writes the calibrations.
+    fn new(w: &mut Namespaced, images: SimulatedImages) -> Result<Self, BagError> {
+        let mut topics = Vec::new();
+        for output in images.outputs() {
+            let full = format!("{}/{}", w.namespace, output.topic);
+            let topic = match output.content {
+                Content::Image => Topic::of::<Image>(full, output.qos),
+                Content::Compressed => Topic::of::<CompressedImage>(full, output.qos),
+                Content::Info => Topic::of::<CameraInfo>(full, output.qos),
+            };
+            topics.push(w.writer.add_topic(topic)?);
+        }
+        for (i, message) in images.infos() {
+            write_image(w.writer, topics[i], 0, &message)?;
+        }
+        Ok(Self { images, topics })
+    }
+
+    /// Whether the calibration of the camera that sees the features is among them.
+    fn has_main(images: &SimulatedImages) -> bool {
+        let main = format!("{MAIN}/camera_info");
+        images.outputs().iter().any(|output| output.topic == main)
+    }
+}
+
+fn write_image(
+    writer: &mut Writer,
+    topic: TopicId,
+    log: u64,
+    message: &ImageMessage,
+) -> Result<(), BagError> {
+    match message {
+        ImageMessage::Image(image) => writer.write_message(topic, log, image),
+        ImageMessage::Compressed(image) => writer.write_message(topic, log, image),
+        ImageMessage::Info(info) => writer.write_message(topic, log, info),
+    }
 }
 
 /// Topics of the star tracker and of the attitude controller.
@@ -150,8 +205,9 @@ struct ServoTopics {
 
 impl RobotTopics {
     /// Adds the topics, and writes what does not change.
-    fn new(writer: &mut Writer, robot: &Recorded) -> Result<Self, BagError> {
+    fn new(writer: &mut Writer, robot: Recorded) -> Result<Self, BagError> {
         let run = robot.run;
+        let has_main = robot.images.as_ref().is_some_and(RenderedImages::has_main);
         let frames = FrameTree::new(&run.world.robot);
         let mut w = Namespaced {
             writer,
@@ -165,7 +221,7 @@ impl RobotTopics {
         let tf_static = w.add(&topics::TF_STATIC)?;
         let fixed = frames.static_transforms(&run.world.targets);
         w.writer.write_message(tf_static, 0, &fixed)?;
-        if let Some(image) = run.image() {
+        if let Some(image) = run.image().filter(|_| !has_main) {
             let camera_info = w.add(&topics::CAMERA_INFO)?;
             let calibration = camera::calibration(image);
             w.writer.write_message(camera_info, 0, &calibration)?;
@@ -222,6 +278,10 @@ impl RobotTopics {
                 }),
                 None => None,
             },
+            images: match robot.images {
+                Some(images) => Some(RenderedImages::new(&mut w, images)?),
+                None => None,
+            },
             frames,
         })
     }
@@ -232,12 +292,12 @@ impl SimulatedBag {
     ///
     /// # Errors
     /// When the folder exists or cannot be written.
-    pub fn create(folder: &Path, robots: &[Recorded]) -> Result<Self, BagError> {
+    pub fn create(folder: &Path, robots: Vec<Recorded>) -> Result<Self, BagError> {
         let mut writer = Writer::create(folder, WriterOptions::default())?;
         let clock =
             Topic::of::<rosgraph_msgs::Clock>(topics::CLOCK.name.to_owned(), topics::CLOCK.qos);
         let clock = writer.add_topic(clock)?;
-        let robots = robots.iter();
+        let robots = robots.into_iter();
         let robots = robots.map(|robot| RobotTopics::new(&mut writer, robot));
         Ok(Self {
             clock,
@@ -285,6 +345,24 @@ impl SimulatedBag {
         }
         w.write_message(t.imu, log, &imu(stamp, base, world))?;
         w.write_message(t.tf, log, &t.frames.transforms(stamp, world))
+    }
+
+    /// Renders the images that are due for the present state of a robot, and writes those whose latency has passed.
+    ///
+    /// # Errors
+    /// When the state is not finite, or the bag cannot be written.
+    pub fn images<E>(&mut self, robot: usize, world: &World) -> Result<(), E>
+    where
+        E: From<String> + From<BagError>,
+    {
+        let log = log_time(Time::from_secs_f64(world.time()));
+        let Some(rendered) = &mut self.robots[robot].images else {
+            return Ok(());
+        };
+        for (i, message) in rendered.images.show(world)? {
+            write_image(&mut self.writer, rendered.topics[i], log, &message)?;
+        }
+        Ok(())
     }
 
     /// Writes the messages that camera and controller, or an operator, of a robot publish in response to a state.

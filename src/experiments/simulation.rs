@@ -4,7 +4,10 @@ use std::{collections::BTreeMap, path::Path};
 
 use serde::Serialize;
 
-use super::{Event, EventWatch, FinalState, Fleet, Performance, Recorded, SimulatedBag, Summary};
+use super::{
+    ClosedLoop, Event, EventWatch, FinalState, Fleet, Performance, Recorded, SimulatedBag,
+    SimulatedImages, Summary,
+};
 use crate::{
     bag::BagError,
     control::ConvergenceFailure,
@@ -105,13 +108,33 @@ pub fn create_bag(
     });
     let descriptions: Vec<_> = descriptions.collect::<Result<_, _>>()?;
     let robots = fleet.robots().zip(&descriptions);
-    let robots = robots.map(|((namespace, run), description)| Recorded {
-        namespace,
-        run,
-        description,
+    let robots = robots.map(|((namespace, run), description)| {
+        Ok(Recorded {
+            namespace,
+            run,
+            description,
+            images: images(&scenario.of_robot(namespace), run, description)?,
+        })
     });
-    let bag = SimulatedBag::create(folder, &robots.collect::<Vec<_>>());
+    let bag = SimulatedBag::create(folder, robots.collect::<Result<_, String>>()?);
     bag.map_err(|e| e.to_string())
+}
+
+/// The images that the scenario's camera renders.
+fn images(
+    scenario: &Scenario,
+    run: &ClosedLoop,
+    description: &str,
+) -> Result<Option<SimulatedImages>, String> {
+    if !scenario.has("camera") {
+        return Ok(None);
+    }
+    let Some(params) = scenario.camera()?.images else {
+        return Ok(None);
+    };
+    let images = SimulatedImages::new(&params, run, description);
+    let at = |e: String| format!("{}: node camera: {e}", scenario.path().display());
+    images.map(Some).map_err(at)
 }
 
 /// Simulates up to `duration` \[s\], the last state included. `watch` sees every state after it was answered.
@@ -145,6 +168,7 @@ pub fn simulate(
             let closed_loop = fleet.robot(i);
             if let Some(bag) = bag.as_deref_mut() {
                 bag.state(i, &mut closed_loop.world)?;
+                bag.images::<Stop>(i, &closed_loop.world)?;
             }
             let answered = closed_loop.answer::<Stop>(&mut frames, |world, moment| {
                 performance.see(world, moment);

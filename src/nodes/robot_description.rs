@@ -42,6 +42,11 @@ impl RobotDescription {
         })
     }
 
+    /// The last description.
+    pub fn text(&self) -> &str {
+        &self.last
+    }
+
     /// Reports why the last description cannot be used.
     pub fn refuse(&self, problem: &str) {
         tracing::error!(

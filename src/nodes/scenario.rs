@@ -10,9 +10,12 @@ use std::{
 
 use super::{
     attitude::{AttitudeLoop, AttitudeParams},
-    camera::{CameraParams, camera_frame},
+    camera::{
+        CameraParams, camera_frame,
+        images::{Body, ImageParams, Imager, Stage, checked_shape},
+    },
     controller::{ControllerParams, second_tip},
-    dynamics::{DynamicsParams, World},
+    dynamics::{DynamicsParams, Target, World},
     estimator::EstimatorParams,
     recorder::RecorderParams,
     resource,
@@ -42,6 +45,23 @@ pub struct Scenario {
     file: ParamsFile,
     nodes: Vec<NodeName>,
     args: RosArgs,
+}
+
+/// Checks that everything that images show can be drawn.
+fn check_images(
+    images: &ImageParams,
+    dynamics: &DynamicsParams,
+    world: &World,
+) -> Result<(), String> {
+    Imager::new(images)?;
+    let shape = checked_shape(&dynamics.robot.xml, "robot")?;
+    let robot = Body::new(world.robot.model().clone(), &shape);
+    Stage::new(images, robot, Vec::new())?;
+    let drawn = |target: &&Target| images.bodies.contains(&target.name);
+    for target in world.targets.iter().filter(drawn) {
+        checked_shape(&target.description, &target.name)?;
+    }
+    Ok(())
 }
 
 impl Scenario {
@@ -248,7 +268,14 @@ impl Scenario {
                     "features.target",
                     params.features.as_ref().map(|f| &f.target),
                 )?;
-                check_target("goal.frame", params.goal_target.as_ref())
+                check_target("goal.frame", params.goal_target.as_ref())?;
+                let Some(images) = &params.images else {
+                    return Ok(());
+                };
+                for body in &images.bodies {
+                    check_target("images.bodies", Some(body))?;
+                }
+                check_images(images, &dynamics, &world).map_err(at)
             }
             "controller" => {
                 let params = self.parameters_of(name, |d| Ok(ControllerParams::declare(d)))?;

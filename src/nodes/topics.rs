@@ -18,7 +18,7 @@ use crate::{
         },
         nav_msgs::{Odometry, Path},
         rosgraph_msgs::Clock,
-        sensor_msgs::{CameraInfo, Imu, JointState, Joy},
+        sensor_msgs::{CameraInfo, CompressedImage, Image, Imu, JointState, Joy},
         std_msgs::{Float64, String as Text},
         tf2_msgs::TFMessage,
         trajectory_msgs::JointTrajectory,
@@ -77,10 +77,10 @@ topics! {
     /// True pose and twist of a target.
     TARGET_ODOMETRY: TargetTopic<Odometry> = "ground_truth/NAME/odom", RELIABLE, ["dynamics"] => ["camera", "views"];
     /// A target's URDF, with links named as its frames.
-    TARGET_DESCRIPTION: TargetTopic<Text> = "ground_truth/NAME/robot_description", LATCHED, ["dynamics"] => ["viewers"];
+    TARGET_DESCRIPTION: TargetTopic<Text> = "ground_truth/NAME/robot_description", LATCHED, ["dynamics"] => ["camera", "viewers"];
     /// Joint positions and rates of a target that has joints.
     TARGET_JOINT_STATES: TargetTopic<JointState> =
-        "ground_truth/NAME/joint_states", RELIABLE, ["dynamics"] => ["viewers"];
+        "ground_truth/NAME/joint_states", RELIABLE, ["dynamics"] => ["camera", "viewers"];
     /// True momentum and kinetic energy of a target that has joints.
     TARGET_MOMENTUM: TargetTopic<Momentum> = "ground_truth/NAME/momentum", RELIABLE, ["dynamics"] => ["recorder"];
     /// Angular velocity and acceleration of the base, as measured.
@@ -127,6 +127,26 @@ topics! {
     CAMERA_INFO: Topic<CameraInfo> = "camera/camera_info", LATCHED, ["camera"] => ["estimator"];
     /// Feature points of the target in the image.
     FEATURES: Topic<FeatureTracks> = "camera/features", SENSOR_DATA, ["camera"] => ["estimator"];
+    /// What the camera sees.
+    IMAGE: Topic<Image> = "camera/image_raw", SENSOR_DATA, ["camera"] => ["you"];
+    /// The same, compressed.
+    COMPRESSED_IMAGE: Topic<CompressedImage> = "camera/image_raw/compressed", SENSOR_DATA, ["camera"] => ["you"];
+    /// Distance along the optical axis in every pixel.
+    DEPTH: Topic<Image> = "camera/depth", SENSOR_DATA, ["camera"] => ["you"];
+    /// Which body every pixel sees.
+    SEGMENTATION: Topic<Image> = "camera/segmentation", SENSOR_DATA, ["camera"] => ["you"];
+    /// Calibration of the left camera of a pair.
+    LEFT_CAMERA_INFO: Topic<CameraInfo> = "camera/left/camera_info", LATCHED, ["camera"] => ["you"];
+    /// What the left camera of a pair sees.
+    LEFT_IMAGE: Topic<Image> = "camera/left/image_raw", SENSOR_DATA, ["camera"] => ["you"];
+    /// The same, compressed; left.
+    LEFT_COMPRESSED_IMAGE: Topic<CompressedImage> = "camera/left/image_raw/compressed", SENSOR_DATA, ["camera"] => ["you"];
+    /// Calibration of the right camera of a pair, with the baseline.
+    RIGHT_CAMERA_INFO: Topic<CameraInfo> = "camera/right/camera_info", LATCHED, ["camera"] => ["you"];
+    /// What the right camera of a pair sees.
+    RIGHT_IMAGE: Topic<Image> = "camera/right/image_raw", SENSOR_DATA, ["camera"] => ["you"];
+    /// The same, compressed; right.
+    RIGHT_COMPRESSED_IMAGE: Topic<CompressedImage> = "camera/right/image_raw/compressed", SENSOR_DATA, ["camera"] => ["you"];
     /// Pose of the goal in the world, or in the frame of a target.
     GOAL: Topic<PoseStamped> = "goal_pose", RELIABLE, ["you"] => ["camera", "views"];
     /// The operator's joystick.
@@ -146,6 +166,9 @@ topics! {
     /// Markers for RViz and Foxglove.
     MARKERS: Topic<MarkerArray> = "markers", RELIABLE, ["views"] => ["you"];
 }
+
+/// The camera that the features are seen by, with which the names of its topics begin.
+pub const CAMERA: &str = "camera";
 
 /// The last part of a name such as `/chaser/base_link`: the base of the robot in that namespace.
 pub const BASE: &str = "base_link";
@@ -174,6 +197,14 @@ impl<M: Interface> Topic<M> {
     /// When the node cannot publish.
     pub fn advertise(&self, node: &Node) -> Result<Publisher<M>, NodeError> {
         node.advertise(self.name, self.qos)
+    }
+
+    /// Name of the same topic of the camera called `name`: `wrist/depth` for `camera/depth`.
+    pub fn of_camera(&self, name: &str) -> String {
+        match self.name.strip_prefix(CAMERA) {
+            Some(rest) => format!("{name}{rest}"),
+            None => self.name.to_owned(),
+        }
     }
 
     /// Subscribes to it.

@@ -14,6 +14,7 @@ mod flexible;
 mod free_motion;
 mod fuyu;
 mod grasps;
+mod images;
 mod input_files;
 mod inspect;
 mod reproduce;

@@ -77,6 +77,8 @@ fn implemented() -> BTreeSet<String> {
         };
         for (method, verb) in [
             ("advertise", "writes"),
+            // Topics of a camera are advertised by name.
+            ("of_camera", "writes"),
             ("subscribe", "reads"),
             ("subscribe_deep", "reads"),
         ] {

@@ -10,7 +10,7 @@ use crate::sources::{PACKAGES, root, rust_files, sources};
 type Layer = (&'static str, &'static [&'static str]);
 
 /// The modules of each package, the lowest first.
-const LAYERS: [(&str, &[Layer]); 6] = [
+const LAYERS: [(&str, &[Layer]); 7] = [
     (
         "fuyu-physics",
         &[
@@ -65,6 +65,33 @@ const LAYERS: [(&str, &[Layer]); 6] = [
             ("covariance", &["normal"]),
             ("distribution", &["normal"]),
             ("design", &["random", "sobol"]),
+        ],
+    ),
+    (
+        "fuyu-render",
+        &[
+            ("motion", &[]),
+            ("lens", &[]),
+            ("primitives", &[]),
+            // Its tests only.
+            ("mesh", &["primitives"]),
+            ("encode", &[]),
+            ("load", &[]),
+            ("urdf", &["primitives"]),
+            ("earth", &[]),
+            ("camera", &[]),
+            ("scene", &[]),
+            ("frame", &[]),
+            ("sensor", &[]),
+            ("stars", &[]),
+            ("projection", &["camera"]),
+            ("raster", &["camera", "projection"]),
+            ("shadow", &["primitives", "projection"]),
+            ("shade", &["projection", "shadow"]),
+            (
+                "render",
+                &["camera", "projection", "raster", "shade", "shadow", "stars"],
+            ),
         ],
     ),
     (
@@ -151,6 +178,7 @@ fn physics_uses_no_files_environment_network_processes_or_threads() {
         "fuyu-structures",
         "fuyu-lti",
         "fuyu-campaign",
+        "fuyu-render",
     ];
     for source in sources().iter().filter(|s| physics.contains(&s.package)) {
         for name in source.names_below("std") {
@@ -199,6 +227,11 @@ fn physics_depends_on_no_ros_and_ros_on_no_physics() {
             "fuyu-lti",
             "nalgebra",
             &["fuyu-physics", "fuyu-ros", "ros2-client", "rustdds"],
+        ),
+        (
+            "fuyu-render",
+            "rayon",
+            &["fuyu-physics", "fuyu-ros", "rustdds", "wgpu"],
         ),
         (
             "fuyu-ros",

@@ -22,6 +22,7 @@ pub const PACKAGES: [(&str, &str); 6] = [
     ("fuyu-campaign", "crates/fuyu-campaign"),
     ("fuyu-lti", "crates/fuyu-lti"),
     ("fuyu-physics", "crates/fuyu-physics"),
+    ("fuyu-render", "crates/fuyu-render"),
     ("fuyu-ros", "crates/fuyu-ros"),
     ("fuyu-structures", "crates/fuyu-structures"),
 ];

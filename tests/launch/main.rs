@@ -31,6 +31,7 @@ mod filter;
 mod flexible;
 mod free_motion;
 mod grasping;
+mod images;
 mod joining;
 mod large_commands;
 mod lifecycle;

@@ -1,9 +1,11 @@
 //! The camera node: from the true state of the simulation to the measurements of a camera on the moving base.
 //!
 //! It is the only node that may know where the base is. It publishes the poses of tip and goal in the base frame, and the
-//! feature points of a target in the image, with the rate, latency, noise and losses of its parameters.
+//! feature points of a target in the image, with the rate, latency, noise and losses of its parameters. On request it renders
+//! images ([`images`]).
 
 mod feature_params;
+pub mod images;
 mod params;
 mod second_arm;
 mod target;
@@ -30,6 +32,7 @@ use crate::{
     spatial::Pose,
     vision::{Pinhole, PoseCamera, PoseFrame},
 };
+use images::{ImageParams, ImageTopics};
 use second_arm::SecondArm;
 use target::TargetTopics;
 
@@ -44,7 +47,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let params = CameraParams::declare_live(&mut declare);
     declare.finish()?;
-    let (params, quality, tracking) =
+    let (params, live) =
         params.map_err(|e| NodeError::Input(format!("node {}: {e}", node.name())))?;
     let mut description = RobotDescription::new(node, params.tip_link.clone())?;
     let mut topics = Topics::new(node, &params)?;
@@ -52,10 +55,19 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         return Ok(());
     };
     let mut kinematics = Kinematics::new(robot);
+    let mut images = match &params.images {
+        None => None,
+        Some(images) => {
+            let mut topics = ImageTopics::new(node, images)?;
+            topics.set_robot(description.text());
+            Some(topics)
+        }
+    };
+    let lens = params.images.as_ref().and_then(ImageParams::main_lens);
     let mut tracked = match &params.features {
         None => None,
         Some(features) => Some((
-            TargetCamera::new(features),
+            TargetCamera::new(features).with_lens(lens),
             TargetTopics::new(node, &features.target)?,
         )),
     };
@@ -65,13 +77,19 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     while node.wait_for(SILENCE) {
         if let Some(robot) = description.changed() {
             kinematics = Kinematics::new(robot);
+            if let Some(images) = &mut images {
+                images.set_robot(description.text());
+            }
         }
-        if quality.changed() {
-            camera.set_config(quality.get());
-            second.set_config(quality.get());
+        if live.quality.changed() {
+            camera.set_config(live.quality.get());
+            second.set_config(live.quality.get());
         }
         topics.take_goal(&mut goal);
         while let Some((stamp, joints, base, X_WT)) = topics.next_state() {
+            if let Some(images) = &mut images {
+                images.add_state(stamp, &joints, &base);
+            }
             // A goal on a target moves with it.
             let X_WD = goal.map(|X_TD| X_WT * X_TD);
             match kinematics.show(&mut camera, stamp, &joints, &base, X_WD.as_ref()) {
@@ -86,10 +104,14 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
             }
         }
         if let Some((target_camera, target)) = &mut tracked {
-            if tracking.changed() {
-                target_camera.set_config(tracking.get(params.image));
+            if live.tracking.changed() {
+                target_camera.set_config(live.tracking.get(params.image));
             }
             target.track(target_camera);
+        }
+        if let Some(images) = &mut images {
+            images.update(&live.images);
+            images.work();
         }
         topics.report(&camera, goal.is_some());
     }
@@ -152,7 +174,8 @@ struct Topics {
     carrier: Option<Subscription<nav_msgs::Odometry>>,
     tip_pose: Publisher<PoseStamped>,
     goal_pose: Publisher<PoseStamped>,
-    _camera_info: Publisher<sensor_msgs::CameraInfo>,
+    /// Of the camera that sees the features, unless its images are rendered: then it comes with them.
+    _camera_info: Option<Publisher<sensor_msgs::CameraInfo>>,
     truth: StampPairs<Time, sensor_msgs::JointState, nav_msgs::Odometry>,
     /// Those with the carrier's pose.
     carried: StampPairs<Time, (sensor_msgs::JointState, nav_msgs::Odometry), Pose>,
@@ -164,8 +187,16 @@ struct Topics {
 
 impl Topics {
     fn new(node: &Node, params: &CameraParams) -> Result<Self, NodeError> {
-        let camera_info = topics::CAMERA_INFO.advertise(node)?;
-        camera_info.publish(&calibration(params.image));
+        let is_rendered =
+            (params.images.as_ref()).is_some_and(|images| images.main_lens().is_some());
+        let camera_info = match is_rendered {
+            true => None,
+            false => {
+                let camera_info = topics::CAMERA_INFO.advertise(node)?;
+                camera_info.publish(&calibration(params.image));
+                Some(camera_info)
+            }
+        };
         let status = node.diagnostics().status("frames");
         status.warn("no state of the robot has arrived yet");
         Ok(Self {

@@ -2,7 +2,10 @@
 
 use nalgebra::Isometry3;
 
-use super::feature_params::{FeatureParams, FeatureQuality};
+use super::{
+    feature_params::{FeatureParams, FeatureQuality},
+    images::{ImageParams, LiveImageSettings},
+};
 use crate::{
     nodes::{
         placement::declare_pose,
@@ -31,6 +34,8 @@ pub struct CameraParams {
     pub image: (u32, u32, f64),
     /// Features to track on a target; `None` without a target.
     pub features: Option<FeatureParams>,
+    /// Images to render; `None` without cameras.
+    pub images: Option<ImageParams>,
 }
 
 /// The frame of a goal that does not move with a target.
@@ -44,6 +49,13 @@ pub(super) struct Quality {
     attitude_noise: Param<f64>,
     dropout: Param<f64>,
     seed: Param<i64>,
+}
+
+/// All parameters that may change while the node runs.
+pub(super) struct LiveParams {
+    pub quality: Quality,
+    pub tracking: FeatureQuality,
+    pub images: LiveImageSettings,
 }
 
 impl Quality {
@@ -102,12 +114,10 @@ impl CameraParams {
     /// # Errors
     /// A line that names the parameter whose values contradict each other.
     pub fn declare(declare: &mut Declare) -> Result<Self, String> {
-        Self::declare_live(declare).map(|(params, ..)| params)
+        Self::declare_live(declare).map(|(params, _)| params)
     }
 
-    pub(super) fn declare_live(
-        declare: &mut Declare,
-    ) -> Result<(Self, Quality, FeatureQuality), String> {
+    pub(super) fn declare_live(declare: &mut Declare) -> Result<(Self, LiveParams), String> {
         let tip_link = declare_tip_link(declare);
         let goal = declare_pose(declare, "goal", "goal object", true);
         let goal_frame = declare
@@ -139,6 +149,8 @@ impl CameraParams {
         let image = (width, height, focal_length);
         let features = FeatureParams::declare(declare, image);
         let (features, tracking) = features?;
+        let target = features.as_ref().map(|f| f.target.as_str());
+        let (images, lights) = ImageParams::declare(declare, image, target)?;
         let params = Self {
             tip_link,
             goal: goal?,
@@ -148,7 +160,13 @@ impl CameraParams {
             quality: quality.get(),
             image,
             features,
+            images,
         };
-        Ok((params, quality, tracking))
+        let live = LiveParams {
+            quality,
+            tracking,
+            images: lights,
+        };
+        Ok((params, live))
     }
 }

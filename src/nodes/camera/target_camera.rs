@@ -1,5 +1,7 @@
 //! The feature camera for a target.
 
+use fuyu_render::Distortion;
+
 use super::feature_params::FeatureParams;
 use crate::{
     model::{Frame, Model},
@@ -23,6 +25,18 @@ impl TargetCamera {
         Self {
             target: params.target.clone(),
             camera: FeatureCamera::new(params.quality.clone(), params.points.clone()),
+        }
+    }
+
+    /// The same with a distorting lens.
+    #[must_use]
+    pub fn with_lens(self, lens: Option<Distortion>) -> Self {
+        let Some(lens) = lens.filter(|lens| *lens != Distortion::None) else {
+            return self;
+        };
+        Self {
+            target: self.target,
+            camera: self.camera.with_lens(move |point| lens.distort(point)),
         }
     }
 

@@ -125,7 +125,18 @@ pub struct FeatureCamera {
     /// The id of each point while it is tracked.
     ids: Vec<Option<u64>>,
     next_id: u64,
+    /// None is a pinhole.
+    lens: Option<Lens>,
     stream: FrameStream<FeatureFrame>,
+}
+
+/// Takes the point (x, y) of the image plane at z = 1 to where a lens shows it.
+struct Lens(Box<dyn Fn([f64; 2]) -> [f64; 2] + Send>);
+
+impl std::fmt::Debug for Lens {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Lens")
+    }
 }
 
 impl FeatureCameraConfig {
@@ -146,9 +157,17 @@ impl FeatureCamera {
             stream: FrameStream::new(config.stream()),
             ids: vec![None; points.len()],
             next_id: 0,
+            lens: None,
             config,
             points,
         }
+    }
+
+    /// The same camera with a lens that shows the point (x, y) of the image plane at z = 1 at `distort` of it.
+    #[must_use]
+    pub fn with_lens(self, distort: impl Fn([f64; 2]) -> [f64; 2] + Send + 'static) -> Self {
+        let lens = Some(Lens(Box::new(distort)));
+        Self { lens, ..self }
     }
 
     /// Image, accuracy and timing.
@@ -217,7 +236,11 @@ impl FeatureCamera {
             return None;
         }
         let size = config.size.map(f64::from);
-        let [x, y] = config.pinhole.project(&p_C)?;
+        let [mut x, mut y] = config.pinhole.project(&p_C)?;
+        if let Some(lens) = &self.lens {
+            let [a, b] = lens.0([p_C.x / p_C.z, p_C.y / p_C.z]);
+            [x, y] = config.pinhole.project(&Vector3::new(a, b, 1.0))?;
+        }
         let mut pixel = if outlier < config.outliers {
             [u * size[0] - 0.5, v * size[1] - 0.5]
         } else {
@@ -345,6 +368,23 @@ mod tests {
         let tracked: usize = frames.iter().map(|s| s.features.len()).sum();
         let share = tracked as f64 / (frames.len() as f64 * 20.0);
         assert!((share - 0.95).abs() < 0.01, "{share}");
+    }
+
+    #[test]
+    fn a_lens_moves_features_in_the_image() {
+        let points = BodyPoint::on_sphere(5, 0.45, 7);
+        let X_CB = Translation3::new(0.0, 0.0, 0.9) * Pose::identity();
+        let mut seen = [ideal(), ideal()].map(|config| FeatureCamera::new(config, points.clone()));
+        let [plain, lens] = &mut seen;
+        *lens = FeatureCamera::new(ideal(), points).with_lens(|[x, y]| [0.9 * x, y + 0.01]);
+        plain.show(0.0, &X_CB);
+        lens.show(0.0, &X_CB);
+        let (plain, lens) = (plain.deliver(0.0).unwrap(), lens.deliver(0.0).unwrap());
+        let focal_length = 1024.0 / 1.25;
+        for (a, b) in plain.common(&lens) {
+            assert!((b.u - 511.5 - 0.9 * (a.u - 511.5)).abs() < 1e-9);
+            assert!((b.v - a.v - 0.01 * focal_length).abs() < 1e-9);
+        }
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::exposure_schedule::{Exposure, ExposureSchedule};
 
 /// Settings of a stream of frames.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct StreamConfig {
+pub struct StreamConfig {
     /// Frames per second \[Hz\]; zero means a frame at every time shown.
     pub rate: f64,
     /// Delay from exposure to delivery \[s\].
@@ -20,7 +20,7 @@ pub(super) struct StreamConfig {
 
 /// Exposure schedule, delay line and random generator of a camera with frames `F`.
 #[derive(Debug)]
-pub(super) struct FrameStream<F> {
+pub struct FrameStream<F> {
     config: StreamConfig,
     schedule: ExposureSchedule,
     delay_line: DelayLine<F>,
@@ -31,7 +31,7 @@ pub(super) struct FrameStream<F> {
 
 /// An exposure that is due.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct DueExposure {
+pub struct DueExposure {
     /// Whether it is the first after time jumped back: another simulation run.
     pub first_of_run: bool,
     /// Whether its frame is lost.
@@ -39,6 +39,7 @@ pub(super) struct DueExposure {
 }
 
 impl<F> FrameStream<F> {
+    /// A stream without frames.
     pub fn new(config: StreamConfig) -> Self {
         Self {
             random: StdRng::seed_from_u64(config.seed),

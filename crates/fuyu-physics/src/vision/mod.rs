@@ -15,6 +15,7 @@ mod star_tracker;
 pub use distortion::{Distortion, DistortionError};
 pub use feature_camera::{BodyPoint, FeatureCamera, FeatureCameraConfig};
 pub use feature_frame::{Feature, FeatureFrame};
+pub use frame_stream::{DueExposure, FrameStream, StreamConfig};
 pub use pinhole::{Pinhole, PinholeError};
 pub use pixel_noise::PoseAccuracy;
 pub use pose_camera::{PoseCamera, PoseCameraConfig, PoseFrame};

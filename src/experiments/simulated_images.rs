@@ -1,0 +1,115 @@
+//! Images of a simulated run: what the camera node renders, without its thread.
+
+use super::ClosedLoop;
+use crate::{
+    model::Model,
+    msg::{nav_msgs::Odometry, sensor_msgs::JointState},
+    nodes::{
+        camera::images::{
+            Body, BodyState, ImageMessage, ImageParams, Imager, Output, Stage, checked_shape,
+        },
+        dynamics::{World, joint_states, odometry, target_joint_states},
+    },
+    ros::Time,
+    vision::FrameStream,
+};
+
+/// Cameras whose images are rendered, with those that wait for their latency.
+pub struct SimulatedImages {
+    stage: Stage,
+    imager: Imager,
+    /// Indices of the targets that are drawn.
+    targets: Vec<usize>,
+    outputs: Vec<Output>,
+    stream: FrameStream<Vec<(usize, ImageMessage)>>,
+}
+
+impl SimulatedImages {
+    /// The cameras of `params` on the robot of a run, whose description is `xml`.
+    ///
+    /// # Errors
+    /// A line that names the parameter or the mesh that is wrong.
+    pub fn new(params: &ImageParams, run: &ClosedLoop, xml: &str) -> Result<Self, String> {
+        Self::of_world(params, &run.world, xml)
+    }
+
+    /// The same for a world.
+    ///
+    /// # Errors
+    /// A line that names the parameter or the mesh that is wrong.
+    pub fn of_world(params: &ImageParams, world: &World, xml: &str) -> Result<Self, String> {
+        // The camera's model, as the node compiles it.
+        let body = |xml: &str, source: &str| {
+            let repaired = Model::repaired_from_urdf(xml, source).map_err(|e| e.to_string())?;
+            Ok::<_, String>(Body::new(repaired.model, &checked_shape(xml, source)?))
+        };
+        let names = params.bodies.iter();
+        let targets = names.map(|name| world.target_index(name));
+        let targets: Vec<usize> = (targets.collect::<Result<_, _>>())
+            .map_err(|e| format!("parameter images.bodies: {e}"))?;
+        let bodies = targets.iter().map(|i| {
+            let target = &world.targets[*i];
+            body(&target.description, &target.name)
+        });
+        let bodies = bodies.collect::<Result<_, _>>()?;
+        Ok(Self {
+            stage: Stage::new(params, body(xml, "robot")?, bodies)?,
+            imager: Imager::new(params)?,
+            targets,
+            outputs: Imager::outputs(params),
+            stream: FrameStream::new(params.settings.stream),
+        })
+    }
+
+    /// The topics, in the order of the indices of messages.
+    pub fn outputs(&self) -> &[Output] {
+        &self.outputs
+    }
+
+    /// The calibrations.
+    pub fn infos(&self) -> Vec<(usize, ImageMessage)> {
+        self.imager.infos(0.0)
+    }
+
+    /// Shows the cameras the present state, and returns what they deliver: indices of outputs, and messages.
+    ///
+    /// # Errors
+    /// When the state is not finite.
+    pub fn show(&mut self, world: &World) -> Result<Vec<(usize, ImageMessage)>, String> {
+        let stamp = Time::from_secs_f64(world.time());
+        let time = stamp.as_secs_f64();
+        if let Some(exposure) = self.stream.expose(time) {
+            if exposure.first_of_run {
+                self.stage.restart();
+            }
+            let messages = match exposure.lost {
+                true => Vec::new(),
+                false => {
+                    let states = self.states(stamp, world)?;
+                    let shot = self.stage.shot(time, &states);
+                    self.imager.render(&shot)
+                }
+            };
+            self.stream.push(time, messages, exposure);
+        }
+        let mut delivered = Vec::new();
+        while let Some(messages) = self.stream.deliver(time) {
+            delivered.extend(messages);
+        }
+        Ok(delivered)
+    }
+
+    fn states(&self, stamp: Time, world: &World) -> Result<Vec<BodyState>, String> {
+        let robot: (JointState, Odometry) = (
+            joint_states(stamp, "", world),
+            odometry(stamp, "", &world.robot),
+        );
+        let mut states = vec![self.stage.bodies()[0].state(Some(&robot.0), &robot.1)?];
+        for (body, i) in self.stage.bodies()[1..].iter().zip(&self.targets) {
+            let target = &world.targets[*i];
+            let joints = target_joint_states(stamp, target);
+            states.push(body.state(Some(&joints), &odometry(stamp, "", &target.body))?);
+        }
+        Ok(states)
+    }
+}
