@@ -1,11 +1,14 @@
 //! The simulated world: the robot and the free bodies, at one time.
 
+mod contact;
 #[cfg(test)]
 mod flexible_tests;
 mod grasping;
 #[cfg(test)]
 mod tests;
 
+pub use contact::LinkContact;
+use contact::WorldContacts;
 pub use grasping::GraspEvent;
 use grasping::Grasps;
 
@@ -21,6 +24,7 @@ use super::params::DynamicsParams;
 use super::robot::{Robot, RobotState};
 use super::target::Target;
 use super::tick_time::TickTime;
+use super::wrist::Wrist;
 use nalgebra::Vector3;
 
 use crate::{
@@ -37,7 +41,7 @@ use crate::{
 /// What messages call the robot.
 const ROBOT: &str = "the robot";
 
-/// The robot and the free bodies. They share nothing but time.
+/// The robot and the free bodies. They share time, and grasps and contacts if there are any.
 pub struct World {
     /// The robot.
     pub robot: Robot,
@@ -51,7 +55,9 @@ pub struct World {
     wheel_torques: MeanEfforts,
     wrenches: ExternalWrenches,
     grasps: Grasps,
+    contacts: Option<WorldContacts>,
     imu: ImuParams,
+    pub(super) wrist: Option<Wrist>,
     /// Random walk of the gyro's bias up to the present tick \[rad/s\].
     gyro_walk: Vector3<f64>,
     star_tracker: Option<StarTracker>,
@@ -86,6 +92,8 @@ impl World {
         let targets = targets.collect::<Result<Vec<_>, _>>()?;
         let mut world = Self {
             grasps: Grasps::new(params, &robot, &targets)?,
+            wrist: Wrist::new(&params.wrist, &robot)?,
+            contacts: WorldContacts::new(params, &robot, &targets)?,
             not_simulated: not_simulated(&robot, &params.joint_physics),
             drive: JointDrive::new(&robot, &params.drive)?,
             wheel_torques: MeanEfforts::new(wheels.len()),
@@ -103,6 +111,7 @@ impl World {
         };
         world.follow_grasps(0.0);
         world.check_grasps()?;
+        world.begin_contact()?;
         Ok(world)
     }
 
@@ -150,6 +159,7 @@ impl World {
     pub(super) fn reset_state(&mut self) {
         self.robot.restore(&self.start);
         self.grasps.reset(self.time.now());
+        self.reset_contact();
         self.drive.reset(&mut self.robot);
         self.wrenches.reset(&mut self.robot);
         self.wheel_torques.reset();
@@ -424,8 +434,13 @@ impl World {
     /// Acceleration of the base frame's origin as a point, and angular acceleration, under what acts now; in the world,
     /// base axes.
     pub(super) fn base_acceleration(&mut self) -> Twist {
+        self.under_excitations(|robot| robot.A_WB_B())
+    }
+
+    /// What `read` finds of the robot under all that acts now.
+    pub(super) fn under_excitations<T>(&mut self, read: impl FnOnce(&mut Robot) -> T) -> T {
         let time = self.time.now();
-        (self.wrenches).while_excited(&mut self.robot, time, |robot| robot.A_WB_B())
+        (self.wrenches).while_excited(&mut self.robot, time, read)
     }
 
     /// Adds the torques that the wheels' motors give from `time` \[s\] for `seconds`.
@@ -442,11 +457,11 @@ impl World {
         }
     }
 
-    /// Steps the targets that the robot does not hold.
+    /// Steps the targets that the robot neither holds nor may touch.
     fn step_free_targets(&mut self, seconds: f64) {
         let steps = step_count(seconds, self.time_step);
         for i in 0..self.targets.len() {
-            if self.held_target() != Some(self.targets[i].name.as_str()) {
+            if !self.is_stepped_with_robot(i) {
                 self.targets[i].step(seconds / steps as f64, steps);
             }
         }
@@ -458,6 +473,7 @@ impl World {
         self.wrenches.save_change();
         self.follow_grasps(start);
         self.save_held_target();
+        self.prepare_contact();
         let end = self.time.now();
         let (mut time, mut targets_at) = (start, start);
         loop {
@@ -483,7 +499,7 @@ impl World {
                 self.time_step,
             );
             if let Some(held) = held {
-                self.finish_held_step(held);
+                self.finish_held_step(held, time);
             }
             if next >= next_grasp {
                 let whole = targets_at == start && next >= end;
