@@ -27,8 +27,8 @@ pub struct Event {
 }
 
 /// Finds events in the states of a run: joints that come to their stops or speed limits, wheels that come to their
-/// speed or torque limits, deformation that first-order modes do not describe, grasps that latch or open, links that
-/// begin or end to touch.
+/// speed or torque limits, deformation that first-order modes do not describe, grasps that latch or open, links
+/// that begin or end to touch.
 #[derive(Debug, Default)]
 pub struct EventWatch {
     events: Vec<Event>,
@@ -68,7 +68,12 @@ impl EventWatch {
         let seconds = world.time() - self.earlier.time;
         for (j, joint) in world.robot.model().joints().iter().enumerate() {
             let (q, qd) = (state.q[j], state.qd[j]);
-            let reach = self.earlier.reach(j, qd, seconds).unwrap_or(q);
+            // With contact, other bodies brake joints, too.
+            let reach = match world.has_contact() {
+                true => None,
+                false => self.earlier.reach(j, qd, seconds),
+            };
+            let reach = reach.unwrap_or(q);
             now.extend(of_joint(joint, q, reach, qd));
         }
         self.earlier.time = world.time();

@@ -141,11 +141,13 @@ impl FinalState {
             momentum: momentum(world),
             kinetic_energy: kinetic.fold(robot.kinetic_energy(), |sum, own| sum + own),
             strain_energy: robot.strain_energy(),
-            contact: world.contact_energy().map(|(stored, dissipated)| FinalContact {
-                points: world.contact_points().count(),
-                stored_energy: stored,
-                dissipated_energy: dissipated,
-            }),
+            contact: world
+                .contact_energy()
+                .map(|(stored, dissipated)| FinalContact {
+                    points: world.contact_points().count(),
+                    stored_energy: stored,
+                    dissipated_energy: dissipated,
+                }),
         }
     }
 }

@@ -3,6 +3,7 @@
 mod articulated_targets;
 mod attitude;
 mod bad_urdf;
+mod contact;
 mod control;
 mod elastic_links;
 mod estimate;
@@ -19,3 +20,4 @@ mod reproduce;
 mod tracking;
 mod two_servicers;
 mod views;
+mod wrist;

@@ -1,4 +1,4 @@
-//! Shapes of robot and targets, from the `<collision>` elements of their descriptions, and the pairs of them that touch.
+//! Shapes of robot and targets, from the `<collision>` elements of their descriptions, and the pairs that touch.
 
 use std::path::{Path, PathBuf};
 
@@ -95,8 +95,9 @@ impl Contacts {
         let of_targets: Vec<Vec<Solid>> = of_targets.collect::<Result<_, _>>()?;
         let bodies = targets.iter().map(|target| &target.body);
         let systems: Vec<&Floating> = std::iter::once(robot).chain(bodies).collect();
+        let has_joints = systems.iter().any(|system| system.model().dof() > 0);
         let mut world = ContactWorld::new(systems.iter().map(|s| (*s).clone()).collect())
-            .with_tolerance(self.params.tolerance)
+            .with_tolerance(self.params.tolerance_of(has_joints))
             .with_free_steps(self.time_step);
         let mut placed = Vec::new();
         let all = std::iter::once(&self.robot).chain(&of_targets);
@@ -118,7 +119,11 @@ impl Contacts {
             }
         }
         let owners: Vec<Vec<&str>> = std::iter::once(vec![ROBOT, robot.model().name()])
-            .chain(targets.iter().map(|t| vec![t.name.as_str(), t.body.model().name()]))
+            .chain(
+                targets
+                    .iter()
+                    .map(|t| vec![t.name.as_str(), t.body.model().name()]),
+            )
             .collect();
         for (k, first) in placed.iter().enumerate() {
             for second in &placed[k + 1..] {
@@ -135,7 +140,9 @@ impl Contacts {
                 (world.add_pair(a, b, law)).map_err(|e| format!("parameter contact: {e}"))?;
             }
         }
-        let labels = placed.iter().map(|p| Label::new(p.solid.label.clone(), p.system));
+        let labels = placed
+            .iter()
+            .map(|p| Label::new(p.solid.label.clone(), p.system));
         let names = targets.iter().map(|target| target.name.clone());
         Ok(Touching::new(world, labels.collect(), names.collect()))
     }

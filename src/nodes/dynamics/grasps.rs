@@ -10,9 +10,9 @@ use crate::{
     spatial::Pose,
 };
 
-/// A rigid robot. While it holds a target, the joined system of both is stepped, otherwise that of all bodies that may
-/// touch, if there is contact. The robot itself has the motion that it has there, so that everything that looks at the
-/// robot need not know.
+/// A rigid robot. While it holds a target, the joined system of both is stepped, otherwise that of all bodies that
+/// may touch, if there is contact. The robot itself has the motion that it has there, so that everything that looks
+/// at the robot need not know.
 pub struct RigidRobot {
     own: Floating,
     held: Option<Held>,

@@ -25,8 +25,8 @@
 //! The robot can hold targets: their frames latch at a time, when they come close, or on command, and move as one system
 //! from then on (`grasps`, `world::grasping`).
 //!
-//! Bodies with `<collision>` elements touch if the scenario has parameters of contact: robot and targets are then stepped
-//! together (`contacts`, `touching`, `world::contact`).
+//! Bodies with `<collision>` elements touch if the scenario has parameters of contact: robot and targets are then
+//! stepped together (`contacts`, `touching`, `world::contact`).
 //!
 //! Several robots in one world have a dynamics node each; one owns the time, the others follow `/clock`
 //! (`shared_time`).
@@ -88,8 +88,9 @@ pub use messages::{
     FrameTree, WORLD, external_impulse, joint_states, momentum, odometry, target_joint_states,
 };
 pub use params::{
-    AppendageParams, ContactPairParams, ContactParams, Description, DynamicsParams, FlexibleParams, GraspParams, InitialJoints,
-    InitialMotion, LockstepOn, TargetParams, ThrusterParams, WheelParams,
+    AppendageParams, ContactPairParams, ContactParams, Description, DynamicsParams, FlexibleParams,
+    GraspParams, InitialJoints, InitialMotion, LockstepOn, TargetParams, ThrusterParams,
+    WheelParams,
 };
 pub use part_messages::{appendage_states, wheel_states};
 pub use robot::Robot;

@@ -20,8 +20,8 @@ use super::{
 };
 use crate::{
     msg::{
-        Interface, fuyu_msgs, geometry_msgs, nav_msgs, ros_gz_interfaces, rosgraph_msgs, sensor_msgs, std_msgs,
-        tf2_msgs,
+        Interface, fuyu_msgs, geometry_msgs, nav_msgs, ros_gz_interfaces, rosgraph_msgs,
+        sensor_msgs, std_msgs, tf2_msgs,
     },
     nodes::topics,
     ros::{self, Node, NodeError, Publisher, Time},
@@ -156,7 +156,10 @@ impl Outputs {
                 }),
                 None => None,
             },
-            external_impulse: match params.motions.interfaces || world.is_acted_on() || world.has_contact() {
+            external_impulse: match params.motions.interfaces
+                || world.is_acted_on()
+                || world.has_contact()
+            {
                 true => Some(Output {
                     publisher: topics::EXTERNAL_IMPULSE.advertise(node)?,
                     message: external_impulse_message(),

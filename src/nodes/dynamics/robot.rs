@@ -145,6 +145,14 @@ impl Robot {
         }
     }
 
+    /// The bodies that may touch, also while it holds a target and is not stepped with them.
+    pub(super) fn contacts(&self) -> Option<&Touching> {
+        match self {
+            Self::Rigid(robot) => robot.touching(),
+            Self::Flexible(_) => None,
+        }
+    }
+
     /// The robot with flexible parts; `None` if it is rigid.
     pub fn flexible(&self) -> Option<&FlexibleFloating> {
         match self {

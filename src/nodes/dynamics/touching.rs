@@ -2,11 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::{
-    dynamics::{
-        Floating, Forcing, Input, Momentum, State,
-        contact::{ColliderId, ContactPoint, ContactWorld},
-    },
+use crate::dynamics::{
+    Floating, Forcing, Input, Momentum, State,
+    contact::{ColliderId, ContactPoint, ContactWorld},
 };
 
 /// The link of a collider.
@@ -92,6 +90,8 @@ impl Touching {
     /// Takes over the state of system `i`, if it was changed from outside.
     pub(super) fn follow(&mut self, i: usize, body: &Floating) {
         if self.world.systems()[i].state() != body.state() {
+            // Contacts that go on are found again.
+            self.touched.clear();
             self.world.replace_state(i, body.state());
         }
     }

@@ -32,7 +32,6 @@ use crate::{
         commander::{ArmMotion, TwistServo},
         with_default_effort_limits,
     },
-    dynamics::JointPhysics,
     model::Model,
     spatial::Twist,
     vision::{StarTracker, StarTrackerFrame},
@@ -94,7 +93,7 @@ impl World {
             grasps: Grasps::new(params, &robot, &targets)?,
             wrist: Wrist::new(&params.wrist, &robot)?,
             contacts: WorldContacts::new(params, &robot, &targets)?,
-            not_simulated: not_simulated(&robot, &params.joint_physics),
+            not_simulated: not_simulated(&robot, params),
             drive: JointDrive::new(&robot, &params.drive)?,
             wheel_torques: MeanEfforts::new(wheels.len()),
             wrenches: ExternalWrenches::new(robot.model()).with_excitations(excitations),
@@ -529,8 +528,9 @@ fn limited(described: &Model, acceleration: f64) -> (Model, (Vec<String>, f64)) 
     }
 }
 
-/// What only rigid mechanisms without closed loops can do, if it is asked for.
-fn not_simulated(robot: &Robot, settings: &JointPhysics) -> Option<String> {
+/// What of the joints is not simulated, if it is asked for: always, or near other bodies.
+fn not_simulated(robot: &Robot, params: &DynamicsParams) -> Option<String> {
+    let settings = &params.joint_physics;
     if let Some(robot) = robot.flexible() {
         let names: Vec<_> = robot.system().unsimulated_joints(settings).collect();
         return (!names.is_empty()).then(|| {
@@ -541,7 +541,11 @@ fn not_simulated(robot: &Robot, settings: &JointPhysics) -> Option<String> {
             )
         });
     }
-    robot.loops()?;
+    let place = match (robot.loops(), &params.contact) {
+        (Some(_), _) => "in closed loops",
+        (None, Some(_)) => "while bodies are close to each other",
+        (None, None) => return None,
+    };
     let joints = robot.model().joints().iter();
     let more_than_damped = joints.filter(|joint| {
         let limits = &joint.limits;
@@ -551,7 +555,7 @@ fn not_simulated(robot: &Robot, settings: &JointPhysics) -> Option<String> {
     let names: Vec<_> = more_than_damped.map(|joint| joint.name.as_str()).collect();
     (!names.is_empty()).then(|| {
         format!(
-            "Coulomb friction and stops of {} are not simulated in closed loops; damping is \
+            "Coulomb friction and stops of {} are not simulated {place}; damping is \
              (joint_physics.friction and joint_physics.stops switch this note off)",
             names.join(", ")
         )

@@ -9,10 +9,7 @@ use crate::{
     dynamics::Input,
     model::{Frame, Model},
     msg::geometry_msgs,
-    nodes::{
-        geometry::vector_to_msg,
-        placement::declare_vector,
-    },
+    nodes::{geometry::vector_to_msg, placement::declare_vector},
     ros::{Declare, Time},
     spatial::{Pose, Wrench},
 };
@@ -64,7 +61,11 @@ impl WristParams {
             frame,
             noise: (force, torque),
             bias: (
-                declare_vector(declare, "wrist.force_bias", "Bias of the measured force [N]"),
+                declare_vector(
+                    declare,
+                    "wrist.force_bias",
+                    "Bias of the measured force [N]",
+                ),
                 declare_vector(
                     declare,
                     "wrist.torque_bias",
@@ -107,7 +108,9 @@ impl Wrist {
             );
         };
         let model = floating.model();
-        let joint = model.tree_joints().position(|joint| joint.name == params.joint);
+        let joint = model
+            .tree_joints()
+            .position(|joint| joint.name == params.joint);
         let body = joint.map(|k| k + 1).ok_or_else(|| {
             let names: Vec<_> = model.tree_joints().map(|j| j.name.as_str()).collect();
             format!(
@@ -171,8 +174,7 @@ impl Wrist {
             let inertia = &body.inertia;
             let (w, alpha) = (V.angular, A.angular);
             let arm = X.rotation * inertia.com;
-            let force =
-                inertia.mass * (A.linear + alpha.cross(&arm) + w.cross(&w.cross(&arm)));
+            let force = inertia.mass * (A.linear + alpha.cross(&arm) + w.cross(&w.cross(&arm)));
             let I = X.rotation * inertia.about_com * X.rotation.inverse();
             let torque = I * alpha + w.cross(&(I * w));
             let p_com = X.translation.vector + arm;

@@ -17,7 +17,7 @@ pub struct ContactParams {
     pub pairs: Vec<ContactPairParams>,
     /// Whether links of the robot touch each other.
     pub self_contact: bool,
-    /// Tolerance of the integration.
+    /// Tolerance of the integration; zero is [`Self::tolerance_of`]'s choice.
     pub tolerance: f64,
     /// Folders with ROS packages, where meshes are searched for.
     pub packages: Vec<PathBuf>,
@@ -43,7 +43,12 @@ pub(super) fn declare_contact(declare: &mut Declare, packages: &[String]) -> Opt
         )
         .read_only()
         .value();
-    let law = declare_law(declare, "contact", "pairs of bodies", &ContactLaw::default());
+    let law = declare_law(
+        declare,
+        "contact",
+        "pairs of bodies",
+        &ContactLaw::default(),
+    );
     let self_contact = declare
         .param(
             "contact.self_contact",
@@ -55,10 +60,15 @@ pub(super) fn declare_contact(declare: &mut Declare, packages: &[String]) -> Opt
     let tolerance = declare
         .param(
             "contact.tolerance",
-            TOLERANCE,
-            "About the error of an integration step with contact [m, rad, m/s, rad/s]",
+            0.0,
+            "About the error of an integration step with contact [m, rad, m/s, rad/s]; 0 is 1e-14 for bodies without joints, 1e-8 if any has joints",
         )
-        .range(1e-16, 1e-2)
+        .check("0.0, or 1e-16 to 0.01", |value| {
+            match *value == 0.0 || (1e-16..=1e-2).contains(value) {
+                true => Ok(()),
+                false => Err(format!("{value} is out of range, expected 0.0 or 1e-16 to 0.01")),
+            }
+        })
         .read_only()
         .value();
     let mut pairs = Vec::new();
@@ -89,8 +99,18 @@ pub(super) fn declare_contact(declare: &mut Declare, packages: &[String]) -> Opt
     })
 }
 
-/// Default tolerance: restitution and duration of impacts to 1e-9.
-const TOLERANCE: f64 = 1e-13;
+impl ContactParams {
+    /// The tolerance of a world, of whose bodies some have joints or none. Impacts of bodies without joints are cheap:
+    /// their restitution and duration are right to 1e-9. With joints, a step costs many times as much, and a grip is
+    /// to be simulated in real time.
+    pub fn tolerance_of(&self, has_joints: bool) -> f64 {
+        match (self.tolerance > 0.0, has_joints) {
+            (true, _) => self.tolerance,
+            (false, true) => 1e-8,
+            (false, false) => 1e-14,
+        }
+    }
+}
 
 /// Declares a law below `prefix`, and reads it.
 fn declare_law(
@@ -170,7 +190,11 @@ fn declare_law(
         exponent: exponent.clamp(1.0, 3.0),
         dissipation,
         friction,
-        stiction_speed: if stiction_speed > 0.0 { stiction_speed } else { 1.0 },
+        stiction_speed: if stiction_speed > 0.0 {
+            stiction_speed
+        } else {
+            1.0
+        },
         point_weight,
         bristle: (stiffness_of_bristle > 0.0).then_some(Bristle {
             stiffness: stiffness_of_bristle,

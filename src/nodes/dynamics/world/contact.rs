@@ -1,8 +1,10 @@
 //! Contact in the world: when bodies are stepped together, what has happened between them, and its energy.
 
-use super::super::{contacts::Contacts, target::Target, touching::Touching};
+use super::super::{
+    contacts::Contacts, params::DynamicsParams, robot::Robot, target::Target, touching::Touching,
+};
 use super::{GraspEvent, World};
-use crate::{dynamics::contact::ContactPoint, nodes::dynamics::params::DynamicsParams};
+use crate::dynamics::contact::ContactPoint;
 
 /// Most events that are kept.
 const MOST_EVENTS: usize = 10_000;
@@ -15,6 +17,8 @@ pub(super) struct WorldContacts {
     failure: Option<String>,
     /// What contacts dissipated before the bodies changed \[J\].
     dissipated_before: f64,
+    /// The targets with which contacts could not be set up.
+    refused: Option<Vec<String>>,
 }
 
 /// A point at which two links touch.
@@ -33,7 +37,7 @@ impl WorldContacts {
     /// A line that names a parameter or a description.
     pub fn new(
         params: &DynamicsParams,
-        robot: &crate::nodes::dynamics::Robot,
+        robot: &Robot,
         targets: &[Target],
     ) -> Result<Option<Self>, String> {
         let Some(of_contact) = &params.contact else {
@@ -41,14 +45,14 @@ impl WorldContacts {
         };
         let model = robot.model();
         let allowed = &params.resource_folders;
-        let contacts =
-            Contacts::new(of_contact, params.time_step, &params.robot, model, allowed)?;
+        let contacts = Contacts::new(of_contact, params.time_step, &params.robot, model, allowed)?;
         contacts.check(model, targets)?;
         Ok(Some(Self {
             contacts,
             events: Vec::new(),
             failure: None,
             dissipated_before: 0.0,
+            refused: None,
         }))
     }
 
@@ -85,13 +89,9 @@ impl World {
     pub fn contact_energy(&self) -> Option<(f64, f64)> {
         let contacts = self.contacts.as_ref()?;
         let before = contacts.dissipated_before;
-        Some(match self.robot.touching() {
-            Some(touching) => {
-                let world = touching.world();
-                (world.stored_energy(), before + world.dissipated_energy())
-            }
-            None => (0.0, before),
-        })
+        let stored = (self.robot.touching()).map_or(0.0, |t| t.world().stored_energy());
+        let own = (self.robot.contacts()).map_or(0.0, |t| t.world().dissipated_energy());
+        Some((stored, before + own))
     }
 
     /// Checks that contacts could be simulated so far.
@@ -143,7 +143,12 @@ impl World {
         };
         let names = self.targets.iter().map(|target| target.name.as_str());
         let is_current = (robot.touching()).is_some_and(|touching| touching.has_targets(names));
-        if !is_current {
+        let is_refused = contacts.refused.as_ref().is_some_and(|refused| {
+            let names = self.targets.iter().map(|target| target.name.as_str());
+            refused.iter().map(String::as_str).eq(names)
+        });
+        if !is_current && !is_refused {
+            contacts.refused = None;
             let mut known = Vec::new();
             if let Some(touching) = robot.touching() {
                 contacts.dissipated_before += touching.world().dissipated_energy();
@@ -155,6 +160,8 @@ impl World {
                     robot.set_touching(Some(touching));
                 }
                 Err(problem) => {
+                    let names = self.targets.iter().map(|target| target.name.clone());
+                    contacts.refused = Some(names.collect());
                     contacts.failure = Some(problem);
                     robot.set_touching(None);
                 }

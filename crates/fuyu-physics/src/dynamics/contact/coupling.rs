@@ -73,10 +73,7 @@ impl ContactWorld {
     }
 
     /// What overlaps now, as far as `is_new` says so of two colliders, does not act before it has been apart.
-    pub fn suspend_overlaps(
-        &mut self,
-        is_new: impl Fn([super::ColliderId; 2]) -> bool,
-    ) {
+    pub fn suspend_overlaps(&mut self, is_new: impl Fn([super::ColliderId; 2]) -> bool) {
         self.begin();
         let scene = &mut self.scene;
         for pair in &mut scene.pairs {
@@ -110,8 +107,8 @@ impl ContactWorld {
         self.contact_work[i]
     }
 
-    /// Energy that contacts have dissipated since the start \[J\]: what they have taken from the systems, less what they
-    /// store. Deflection of bristles counts as dissipated.
+    /// Energy that contacts have dissipated since the start \[J\]: what they have taken from the systems, less what
+    /// they store. Deflection of bristles counts as dissipated.
     pub fn dissipated_energy(&self) -> f64 {
         self.dissipated
     }

@@ -388,8 +388,8 @@ impl Scene {
         for pair in &mut self.pairs {
             let systems = [pair.first, pair.second].map(|i| self.colliders[i].system);
             let mut points = self.points[pair.points.clone()].iter();
-            pair.is_suspended |= systems.iter().any(|i| replaced[*i])
-                && points.any(|point| point.touch.gap < 0.0);
+            pair.is_suspended |=
+                systems.iter().any(|i| replaced[*i]) && points.any(|point| point.touch.gap < 0.0);
         }
     }
 

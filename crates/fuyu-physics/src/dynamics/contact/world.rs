@@ -20,6 +20,11 @@ const STEPS: usize = 200_000;
 const HURDLE: (usize, usize) = (5000, 1000);
 /// Smallest step relative to the whole. Where the error is still too large, the step is taken as it is.
 const SMALLEST: f64 = 1e-12;
+/// Steps after an event, rejected ones included, from which on the tolerance is raised, and after how many more it
+/// is ten times as large: where a contact lasts, rounding of its force would otherwise keep the steps short.
+const LASTING: (usize, usize) = (20_000, 100);
+/// Tolerance up to which it is raised for that.
+const OF_LASTING: f64 = 1e-8;
 /// Iterations beyond which the next step gets a new Jacobian.
 const SLOW: usize = 4;
 
@@ -78,12 +83,14 @@ pub struct ContactWorld {
     pub(super) events: Vec<ContactEvent>,
     /// Longest step of the systems' own integrators.
     pub(super) free_step: Option<f64>,
-    /// Systems whose states were replaced since the last step: what they overlap with then does not act until it is
-    /// apart.
+    /// Systems whose states were replaced since the last step: what they overlap with then does not act until it
+    /// is apart.
     pub(super) replaced: Vec<bool>,
     /// Work of contacts on each system, and energy that contacts have dissipated \[J\].
     pub(super) contact_work: Vec<f64>,
     pub(super) dissipated: f64,
+    /// Steps since the last event.
+    since_event: usize,
 }
 
 impl ContactWorld {
@@ -105,11 +112,13 @@ impl ContactWorld {
             replaced: vec![false; systems.len()],
             contact_work: vec![0.0; systems.len()],
             dissipated: 0.0,
+            since_event: 0,
             systems,
         }
     }
 
-    /// The same world with another tolerance: about the error per step \[m, rad, m/s, rad/s\]; 1e-8 by default.
+    /// The same world with another tolerance: about the error per step \[m, rad, m/s, rad/s\]; 1e-8 by default. A tighter
+    /// one is raised up to that while a contact lasts for thousands of steps.
     #[must_use]
     pub fn with_tolerance(mut self, tolerance: f64) -> Self {
         self.tolerance = tolerance.clamp(1e-16, 1e-2);
@@ -406,7 +415,9 @@ impl ContactWorld {
         while left > 0.0 {
             let tries = self.work.steps + self.work.rejected - first;
             let hurdles = tries.saturating_sub(HURDLE.0).div_ceil(HURDLE.1);
-            self.raised = 10f64.powi(hurdles.min(9) as i32);
+            self.raised = 10f64
+                .powi(hurdles.min(9) as i32)
+                .max(self.raised_by_lasting());
             let wanted = self.next_step.min(self.scene.longest_step());
             let wanted = wanted.max(SMALLEST * dt);
             // Not a tiny rest at the end.
@@ -417,7 +428,12 @@ impl ContactWorld {
             } else {
                 wanted
             };
+            let before = (self.work.steps + self.work.rejected, self.work.events);
             let taken = self.advance(h, dt - left, SMALLEST * dt, &mut events, &mut drive);
+            self.since_event = match self.work.events > before.1 {
+                true => 0,
+                false => self.since_event + self.work.steps + self.work.rejected - before.0,
+            };
             let Some(taken) = taken.filter(|_| tries < STEPS) else {
                 self.is_changed = true;
                 let time = start + dt - left;
@@ -511,6 +527,14 @@ impl ContactWorld {
             self.begin_radau(elapsed + h, drive);
             return Some(h);
         }
+    }
+
+    /// By what the tolerance is raised because there has been no event for many steps.
+    fn raised_by_lasting(&self) -> f64 {
+        let (first, more) = LASTING;
+        let beyond = self.since_event.saturating_sub(first) as f64;
+        let most = 0.1 * OF_LASTING.powf(2.0 / 3.0) / self.estimate();
+        10f64.powf(beyond / more as f64).clamp(1.0, most.max(1.0))
     }
 
     /// Tolerance of the iteration in units of the error estimate.
