@@ -23,7 +23,7 @@ case $distribution in
     ;;
 esac
 venv=$(dirname "$(dirname "$python")")
-packages=("$root/msg" "$root/tests/support/"{tf2_msgs,simulation_interfaces,rosbag2_interfaces,control_msgs})
+packages=("$root/msg" "$root/tests/support/"{tf2_msgs,simulation_interfaces,rosbag2_interfaces,control_msgs,ros_gz_interfaces})
 generators=(
   "ros-$distribution-rosidl-"{default,core}-generators "${more[@]}"
   "ros-$distribution-ament-"{package,cmake,cmake-ros,lint}

@@ -39,10 +39,10 @@ impl Carried {
         Self::of(body, body.model().total_mass())
     }
 
-    /// Of the robot, with the targets that it can grasp.
+    /// Of the robot, with the targets that it can grasp or touch.
     pub fn of_robot(world: &World) -> Self {
         let mut carried = Self::of(&world.robot, world.robot.total_mass());
-        for target in world.graspable_targets() {
+        for target in world.coupled_targets() {
             carried.add(&Self::of_target(&target.body));
         }
         if let Some(change) = world.external_change() {

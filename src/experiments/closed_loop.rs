@@ -231,6 +231,7 @@ impl ClosedLoop {
     pub fn advance(&mut self) -> Result<(), String> {
         self.world.step_to_tick();
         self.world.check_grasps()?;
+        self.world.check_contacts()?;
         self.world.check_divergence()
     }
 }

@@ -27,7 +27,8 @@ pub struct Event {
 }
 
 /// Finds events in the states of a run: joints that come to their stops or speed limits, wheels that come to their
-/// speed or torque limits, deformation that first-order modes do not describe, grasps that latch or open.
+/// speed or torque limits, deformation that first-order modes do not describe, grasps that latch or open, links
+/// that begin or end to touch.
 #[derive(Debug, Default)]
 pub struct EventWatch {
     events: Vec<Event>,
@@ -37,8 +38,8 @@ pub struct EventWatch {
     excess: Option<(f64, String)>,
     /// The joints at the state before.
     earlier: Joints,
-    /// Number of events of grasps that were reported.
-    grasp_events: usize,
+    /// Number of events of grasps and of contacts that were reported.
+    reported: [usize; 2],
 }
 
 /// Time, positions and rates of joints.
@@ -67,7 +68,12 @@ impl EventWatch {
         let seconds = world.time() - self.earlier.time;
         for (j, joint) in world.robot.model().joints().iter().enumerate() {
             let (q, qd) = (state.q[j], state.qd[j]);
-            let reach = self.earlier.reach(j, qd, seconds).unwrap_or(q);
+            // With contact, other bodies brake joints, too.
+            let reach = match world.has_contact() {
+                true => None,
+                false => self.earlier.reach(j, qd, seconds),
+            };
+            let reach = reach.unwrap_or(q);
             now.extend(of_joint(joint, q, reach, qd));
         }
         self.earlier.time = world.time();
@@ -79,8 +85,11 @@ impl EventWatch {
             of_wheels(robot, &mut now);
             self.see_deformation(world.time(), robot, &mut now);
         }
-        let of_grasps = world.grasp_events();
-        for event in of_grasps.iter().skip(self.grasp_events) {
+        let sources = [world.grasp_events(), world.contact_events()];
+        let new = sources.iter().zip(self.reported);
+        let mut new: Vec<_> = new.flat_map(|(all, seen)| all.iter().skip(seen)).collect();
+        new.sort_by(|a, b| a.time.total_cmp(&b.time));
+        for event in new {
             if self.events.len() < MOST {
                 self.events.push(Event {
                     time: event.time,
@@ -88,7 +97,7 @@ impl EventWatch {
                 });
             }
         }
-        self.grasp_events = of_grasps.len();
+        self.reported = sources.map(<[_]>::len);
         for what in &now {
             if !self.present.contains(what) && self.events.len() < MOST {
                 self.events.push(Event {

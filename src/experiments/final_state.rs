@@ -42,6 +42,20 @@ pub struct FinalState {
     pub kinetic_energy: f64,
     /// Strain energy of deformable bodies and elastic joints \[J\].
     pub strain_energy: f64,
+    /// Energy of contacts; `None` without contact.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub contact: Option<FinalContact>,
+}
+
+/// Energy of contacts.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct FinalContact {
+    /// Points at which bodies touch.
+    pub points: usize,
+    /// Elastic energy that they store \[J\].
+    pub stored_energy: f64,
+    /// Energy that contacts have dissipated since the start \[J\].
+    pub dissipated_energy: f64,
 }
 
 /// State of a target's root frame.
@@ -127,6 +141,13 @@ impl FinalState {
             momentum: momentum(world),
             kinetic_energy: kinetic.fold(robot.kinetic_energy(), |sum, own| sum + own),
             strain_energy: robot.strain_energy(),
+            contact: world
+                .contact_energy()
+                .map(|(stored, dissipated)| FinalContact {
+                    points: world.contact_points().count(),
+                    stored_energy: stored,
+                    dissipated_energy: dissipated,
+                }),
         }
     }
 }

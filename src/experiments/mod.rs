@@ -24,6 +24,7 @@ pub mod operation_counts;
 mod other_bodies;
 mod performance;
 mod recorded;
+mod recorded_contacts;
 mod recorded_estimation;
 mod recorded_names;
 mod recorded_physics;
@@ -50,7 +51,7 @@ pub use closed_loop::{Answer, AttitudeAnswer, ClosedLoop, Moment};
 pub use continuous_loop::ContinuousLoop;
 pub use events::{Event, EventWatch};
 pub use final_state::{
-    FinalAppendage, FinalMomentum, FinalMotor, FinalState, FinalTarget, FinalWheel,
+    FinalAppendage, FinalContact, FinalMomentum, FinalMotor, FinalState, FinalTarget, FinalWheel,
 };
 pub use fleet::Fleet;
 pub use observations::{Observations, ObservedTracks};

@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
 
+use super::recorded_contacts::TouchedTargets;
 use super::recorded_names::is_of_target;
 use super::recorded_runs::RunCounter;
 use crate::bag::Message;
@@ -25,6 +26,7 @@ pub struct RecordedRuns {
     counter: RunCounter,
     /// How often each target was replaced or moved from outside.
     moves: BTreeMap<String, usize>,
+    touched: TouchedTargets,
 }
 
 /// The recorded data of one robot. Times are stamps in nanoseconds.
@@ -166,6 +168,7 @@ impl BaseSample {
 impl RecordedRuns {
     /// Adds a message; ignores other topics and types.
     pub fn accept(&mut self, message: &Message) {
+        self.touched.accept(message);
         for (suffix, type_name, take) in TOPICS {
             if message.topic.type_name == *type_name
                 && let Some(namespace) = message.topic.name.strip_suffix(suffix)
@@ -226,6 +229,11 @@ impl RecordedRuns {
                 run.joint_names.clear();
             }
         }
+    }
+
+    /// Whether something has touched the target in `namespace`.
+    pub fn was_touched(&self, namespace: &str) -> bool {
+        self.touched.contains(namespace)
     }
 
     /// The robots that moved or were measured: namespaces and recorded data, of each run in order.

@@ -20,8 +20,9 @@ use crate::{
         },
         controller::ControllerMessages,
         dynamics::{
-            FrameTree, Target, World, appendage_states, external_impulse, imu, joint_states,
-            momentum, odometry, star_tracker_message, target_joint_states, wheel_states,
+            FrameTree, Target, World, appendage_states, contacts, external_impulse, imu,
+            joint_states, momentum, odometry, star_tracker_message, target_joint_states,
+            wheel_states, wrist_message,
         },
         features::feature_frame_to_msg,
         teleop, topics,
@@ -57,8 +58,12 @@ struct RobotTopics {
     momentum: TopicId,
     appendages: Option<TopicId>,
     wheels: Option<TopicId>,
-    /// If something from outside can act on the robot, or if it can grasp targets.
+    /// If something from outside can act on the robot, or if it can grasp or touch targets.
     external_impulse: Option<TopicId>,
+    /// If there is contact.
+    contacts: Option<TopicId>,
+    /// If there is a force and torque sensor.
+    wrist: Option<TopicId>,
     imu: TopicId,
     tf: TopicId,
     servo: Option<ServoTopics>,
@@ -242,10 +247,19 @@ impl RobotTopics {
                 None => None,
             },
             external_impulse: match run.world.is_acted_on()
-                || run.world.graspable_targets().next().is_some()
+                || run.world.has_contact()
+                || run.world.coupled_targets().next().is_some()
             {
                 true => Some(w.add(&topics::EXTERNAL_IMPULSE)?),
                 false => None,
+            },
+            contacts: match run.world.has_contact() {
+                true => Some(w.add(&topics::CONTACTS)?),
+                false => None,
+            },
+            wrist: match run.world.wrist_frame() {
+                Some(_) => Some(w.add(&topics::WRIST_WRENCH)?),
+                None => None,
             },
             imu: w.add(&topics::IMU)?,
             tf: w.add(&topics::TF)?,
@@ -341,6 +355,12 @@ impl SimulatedBag {
             w.write_message(topic, log, &message)?;
         }
         if let (Some(topic), Some(message)) = (t.wheels, wheel_states(stamp, base, world)) {
+            w.write_message(topic, log, &message)?;
+        }
+        if let Some(topic) = t.contacts {
+            w.write_message(topic, log, &contacts(stamp, world))?;
+        }
+        if let (Some(topic), Some(message)) = (t.wrist, wrist_message(stamp, world)) {
             w.write_message(topic, log, &message)?;
         }
         w.write_message(t.imu, log, &imu(stamp, base, world))?;

@@ -20,10 +20,10 @@ pub struct TargetSummary {
     pub energy_residual: f64,
 }
 
-/// Momentum and energy of a target; together with the robot, if that can grasp it.
+/// Momentum and energy of a target; together with the robot, if that can grasp or touch it.
 fn carried(world: &World, target: &Target) -> Carried {
-    let mut graspable = world.graspable_targets();
-    match graspable.any(|other| other.name == target.name) {
+    let mut coupled = world.coupled_targets();
+    match coupled.any(|other| other.name == target.name) {
         true => Carried::of_robot(world),
         false => Carried::of_target(&target.body),
     }

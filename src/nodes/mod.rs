@@ -26,6 +26,7 @@ pub mod features;
 pub mod foxglove;
 pub mod geometry;
 mod joint_vectors;
+mod mesh;
 mod placement;
 pub mod player;
 pub mod recorder;

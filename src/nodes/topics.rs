@@ -17,6 +17,7 @@ use crate::{
             PoseStamped, QuaternionStamped, TwistStamped, Vector3Stamped, WrenchStamped,
         },
         nav_msgs::{Odometry, Path},
+        ros_gz_interfaces::Contacts,
         rosgraph_msgs::Clock,
         sensor_msgs::{CameraInfo, CompressedImage, Image, Imu, JointState, Joy},
         std_msgs::{Float64, String as Text},
@@ -95,8 +96,12 @@ topics! {
     APPENDAGE_OUTLINES: Topic<AppendageOutlines> = "ground_truth/appendage_outlines", LATCHED, ["dynamics"] => ["views"];
     /// Angles, speeds and mean motor torques of the wheels.
     WHEEL_STATES: Topic<JointState> = "wheel_states", RELIABLE, ["dynamics"] => ["attitude"];
-    /// What external wrenches and thrusters have changed; from the first one on.
+    /// What external wrenches, thrusters, grasps and contacts have changed of the robot; from the first one on.
     EXTERNAL_IMPULSE: Topic<ExternalImpulse> = "ground_truth/external_impulse", RELIABLE, ["dynamics"] => ["recorder"];
+    /// What the links beyond a joint exert on the rest of the robot, as its force and torque sensor measures it.
+    WRIST_WRENCH: Topic<WrenchStamped> = "wrist/wrench", RELIABLE, ["dynamics"] => ["you"];
+    /// Points at which links touch, with forces; if there is contact.
+    CONTACTS: Topic<Contacts> = "contacts", RELIABLE, ["dynamics"] => ["you"];
     /// Joint efforts to hold, joint rates to drive to, or joint positions to hold.
     JOINT_COMMANDS: Topic<JointState> = "joint_commands", RELIABLE, ["controller", "teleop"] => ["dynamics"];
     /// How long after the state that they answer efforts act \[s\]; where time does not wait for answers.

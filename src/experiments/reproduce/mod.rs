@@ -1,5 +1,6 @@
 //! Published results compared with computed ones: `fuyu reproduce`.
 
+mod capture;
 mod kida;
 mod masutani;
 mod masutani_ch4;
@@ -12,6 +13,7 @@ mod tr942;
 mod tracking;
 mod tumbling;
 
+use capture::CAPTURE;
 use kida::KIDA;
 use tumbling::TUMBLING;
 
@@ -29,18 +31,18 @@ pub struct Reproduction {
 
 /// All results, in the order of `fuyu reproduce all`.
 pub const ALL: &[Reproduction] = &{
-    const QUICKER: usize = QUICK.len() + KIDA.len();
-    let mut all = [QUICK[0]; QUICKER + TUMBLING.len()];
-    let mut i = 0;
-    while i < all.len() {
-        all[i] = if i < QUICK.len() {
-            QUICK[i]
-        } else if i < QUICKER {
-            KIDA[i - QUICK.len()]
-        } else {
-            TUMBLING[i - QUICKER]
-        };
-        i += 1;
+    const PARTS: [&[Reproduction]; 4] = [QUICK, CAPTURE, KIDA, TUMBLING];
+    const COUNT: usize = QUICK.len() + CAPTURE.len() + KIDA.len() + TUMBLING.len();
+    let mut all = [QUICK[0]; COUNT];
+    let (mut next, mut part) = (0, 0);
+    while part < PARTS.len() {
+        let mut i = 0;
+        while i < PARTS[part].len() {
+            all[next] = PARTS[part][i];
+            next += 1;
+            i += 1;
+        }
+        part += 1;
     }
     all
 };

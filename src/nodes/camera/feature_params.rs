@@ -1,9 +1,7 @@
 //! Parameters of the features that the camera tracks on a target.
 
-use nalgebra::Vector3;
-
 use crate::{
-    nodes::resource,
+    nodes::{mesh, resource},
     ros::{Declare, Param},
     vision::{BodyPoint, FeatureCameraConfig, Pinhole},
 };
@@ -167,7 +165,7 @@ impl FeatureParams {
             let points = usize::try_from(points).unwrap_or(1);
             BodyPoint::on_sphere(points, radius, layout.unsigned_abs())
         } else {
-            let read = vertices(&mesh);
+            let read = resource::resolve(&mesh).and_then(|found| mesh::vertices(&found));
             BodyPoint::of_vertices(&read.map_err(|e| format!("parameter features.mesh: {e}"))?)
         };
         let params = Self {
@@ -177,29 +175,6 @@ impl FeatureParams {
         };
         Ok((Some(params), quality))
     }
-}
-
-/// Largest STL file \[bytes\].
-const LARGEST_MESH: u64 = 256 << 20;
-
-/// The vertices of an STL file, without duplicates.
-fn vertices(name: &str) -> Result<Vec<Vector3<f64>>, String> {
-    let found = resource::resolve(name)?;
-    let path = found.path();
-    let mut file = std::io::Cursor::new(found.bytes(LARGEST_MESH)?);
-    let mesh = stl_io::read_stl(&mut file)
-        .map_err(|e| format!("{}: cannot be read as STL: {e}", path.display()))?;
-    let vertices = mesh.vertices.iter();
-    let vertices: Vec<_> = vertices
-        .map(|v| Vector3::from(v.0.map(f64::from)))
-        .collect();
-    if vertices.is_empty() || vertices.iter().any(|v| !v.iter().all(|x| x.is_finite())) {
-        return Err(format!(
-            "{}: has no vertices, or one that is not finite",
-            path.display()
-        ));
-    }
-    Ok(vertices)
 }
 
 /// The camera of an image of `width` by `height` pixels with the axis through its middle.

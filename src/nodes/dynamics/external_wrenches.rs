@@ -243,14 +243,15 @@ impl ExternalWrenches {
 
     /// Adds what a step has changed.
     fn record(&mut self, robot: &Robot, before: &Before) {
-        let state = whole(robot);
-        self.change.momentum_W.linear += state.momentum_W.linear - before.momentum_W.linear;
-        self.change.momentum_W.angular += state.momentum_W.angular - before.momentum_W.angular;
+        let (state, momentum_W) = (whole(robot), robot.whole_momentum());
+        self.change.momentum_W.linear += momentum_W.linear - before.momentum_W.linear;
+        self.change.momentum_W.angular += momentum_W.angular - before.momentum_W.angular;
         self.change.work += match robot.flexible() {
             Some(robot) => robot.state().partial_work().external - before.external_work,
             None => {
                 let of_joints = self.work_of_joints(robot);
-                state.work + state.dissipated.total() - before.energy - of_joints
+                let of_contacts = robot.contact_work() - before.contact_work;
+                state.work + state.dissipated.total() - before.energy - of_joints - of_contacts
             }
         };
     }
@@ -285,14 +286,17 @@ struct Before {
     energy: f64,
     /// Work from outside on a robot with flexible parts \[J\].
     external_work: f64,
+    /// Work of contacts \[J\].
+    contact_work: f64,
 }
 
 impl Before {
     fn of(robot: &Robot) -> Self {
         let state = whole(robot);
         Self {
-            momentum_W: state.momentum_W,
+            momentum_W: robot.whole_momentum(),
             energy: state.work + state.dissipated.total(),
+            contact_work: robot.contact_work(),
             external_work: robot
                 .flexible()
                 .map_or(0.0, |robot| robot.state().partial_work().external),

@@ -1,19 +1,22 @@
-//! A rigid robot that may hold a target.
+//! A rigid robot that may hold a target, or touch some.
 
+use super::touching::Touching;
 use crate::{
     dynamics::{
-        Floating, Forcing, IntegrationMethod, JointPhysics, State,
+        Floating, Forcing, IntegrationMethod, JointPhysics, Momentum, State,
         capture::{CaptureError, Captured, Grasp, ReleaseSpring},
     },
     model::Frame,
     spatial::Pose,
 };
 
-/// A rigid robot. While it holds a target, the joined system of both is stepped; the robot itself has the motion that
-/// it has in the joined system, so that everything that looks at the robot need not know.
+/// A rigid robot. While it holds a target, the joined system of both is stepped, otherwise that of all bodies that
+/// may touch, if there is contact. The robot itself has the motion that it has there, so that everything that looks
+/// at the robot need not know.
 pub struct RigidRobot {
     own: Floating,
     held: Option<Held>,
+    touching: Option<Box<Touching>>,
 }
 
 /// What the robot holds.
@@ -26,7 +29,44 @@ struct Held {
 impl RigidRobot {
     /// A robot that holds nothing.
     pub fn new(own: Floating) -> Self {
-        Self { own, held: None }
+        Self {
+            own,
+            held: None,
+            touching: None,
+        }
+    }
+
+    /// Steps the robot with all bodies that it may touch from now on.
+    pub(super) fn set_touching(&mut self, touching: Option<Touching>) {
+        self.touching = touching.map(Box::new);
+    }
+
+    /// The bodies that may touch, if there is contact; they are not stepped while it holds a target.
+    pub fn touching(&self) -> Option<&Touching> {
+        self.touching.as_deref()
+    }
+
+    /// The same.
+    pub(super) fn touching_mut(&mut self) -> Option<&mut Touching> {
+        self.touching.as_deref_mut()
+    }
+
+    /// The bodies that it is stepped with now.
+    pub(super) fn stepped_with(&self) -> Option<&Touching> {
+        self.touching.as_deref().filter(|_| self.held.is_none())
+    }
+
+    /// Momentum of the robot with what it is stepped with, angular about the common centre of mass.
+    pub(super) fn whole_momentum(&self) -> Momentum {
+        match self.stepped_with() {
+            Some(touching) => touching.momentum(),
+            None => self.whole().state().momentum_W,
+        }
+    }
+
+    /// Work that contacts have done on the robot since they were set up \[J\].
+    pub(super) fn contact_work(&self) -> f64 {
+        (self.stepped_with()).map_or(0.0, |touching| touching.world().contact_work(0))
     }
 
     /// The robot itself.
@@ -116,9 +156,12 @@ impl RigidRobot {
                 held.captured.hold_robot_input(self.own.input());
                 held.captured.show_robot_accelerations(&mut self.own);
             }
-            None => {
-                self.own.accelerations();
-            }
+            None => match &mut self.touching {
+                Some(touching) => touching.set_accelerations(&mut self.own),
+                None => {
+                    self.own.accelerations();
+                }
+            },
         }
     }
 
@@ -130,7 +173,10 @@ impl RigidRobot {
                 held.captured.step(dt, steps);
                 held.captured.show_robot(&mut self.own);
             }
-            None => self.own.step(dt, steps),
+            None => match &mut self.touching {
+                Some(touching) => touching.step(&mut self.own, dt * steps as f64),
+                None => self.own.step(dt, steps),
+            },
         }
     }
 
@@ -141,7 +187,10 @@ impl RigidRobot {
                 (held.captured).step_with(dt, self.own.input_mut(), forcing);
                 held.captured.show_robot(&mut self.own);
             }
-            None => self.own.step_with(dt, forcing),
+            None => match &mut self.touching {
+                Some(touching) => touching.step_with(&mut self.own, dt, forcing),
+                None => self.own.step_with(dt, forcing),
+            },
         }
     }
 }

@@ -25,6 +25,9 @@
 //! The robot can hold targets: their frames latch at a time, when they come close, or on command, and move as one system
 //! from then on (`grasps`, `world::grasping`).
 //!
+//! Bodies with `<collision>` elements touch if the scenario has parameters of contact: robot and targets are then
+//! stepped together (`contacts`, `touching`, `world::contact`).
+//!
 //! Several robots in one world have a dynamics node each; one owns the time, the others follow `/clock`
 //! (`shared_time`).
 //!
@@ -42,6 +45,8 @@ mod actuator_inputs;
 mod clock;
 mod command_arbiter;
 mod command_handling;
+mod contact_messages;
+mod contacts;
 mod divergence;
 mod excitations;
 mod external_wrenches;
@@ -69,9 +74,12 @@ mod step_status;
 mod target;
 mod tick_time;
 mod time_status;
+mod touching;
 mod world;
 mod wrench_inputs;
+mod wrist;
 
+pub use contact_messages::contacts;
 pub use external_wrenches::ExternalChange;
 pub use free_body::FreeBody;
 pub use imu::{ImuParams, imu};
@@ -80,14 +88,17 @@ pub use messages::{
     FrameTree, WORLD, external_impulse, joint_states, momentum, odometry, target_joint_states,
 };
 pub use params::{
-    AppendageParams, Description, DynamicsParams, FlexibleParams, GraspParams, InitialJoints,
-    InitialMotion, LockstepOn, TargetParams, ThrusterParams, WheelParams,
+    AppendageParams, ContactPairParams, ContactParams, Description, DynamicsParams, FlexibleParams,
+    GraspParams, InitialJoints, InitialMotion, LockstepOn, TargetParams, ThrusterParams,
+    WheelParams,
 };
 pub use part_messages::{appendage_states, wheel_states};
 pub use robot::Robot;
 pub use star_tracker::star_tracker_message;
 pub use target::Target;
-pub use world::{GraspEvent, World};
+pub use touching::{Label, LinkEvent, Touching};
+pub use world::{GraspEvent, LinkContact, World};
+pub use wrist::{WristParams, wrist_message};
 
 use crate::ros::{Lifecycle, Node, NodeError, Transition};
 use simulation::Simulation;

@@ -1,6 +1,7 @@
 //! Publishers of the dynamics node.
 
 use super::{
+    contact_messages::contacts,
     imu::{imu_message, update_imu},
     messages::{
         FrameTree, external_impulse_message, joint_states, momentum_message, odometry_message,
@@ -15,11 +16,12 @@ use super::{
     star_tracker::star_tracker_message,
     target::Target,
     world::World,
+    wrist::{blank_wrist_message, update_wrist_message},
 };
 use crate::{
     msg::{
-        Interface, fuyu_msgs, geometry_msgs, nav_msgs, rosgraph_msgs, sensor_msgs, std_msgs,
-        tf2_msgs,
+        Interface, fuyu_msgs, geometry_msgs, nav_msgs, ros_gz_interfaces, rosgraph_msgs,
+        sensor_msgs, std_msgs, tf2_msgs,
     },
     nodes::topics,
     ros::{self, Node, NodeError, Publisher, Time},
@@ -45,7 +47,11 @@ pub struct Outputs {
     wheels: Option<Output<sensor_msgs::JointState>>,
     /// `None` if nothing can act on the robot from outside.
     external_impulse: Option<Output<fuyu_msgs::ExternalImpulse>>,
+    /// `None` without contact.
+    contacts: Option<Publisher<ros_gz_interfaces::Contacts>>,
     imu: Output<sensor_msgs::Imu>,
+    /// `None` without a force and torque sensor.
+    wrist: Option<Output<geometry_msgs::WrenchStamped>>,
     /// `None` without a star tracker.
     star_tracker: Option<Publisher<geometry_msgs::QuaternionStamped>>,
     tf: Output<tf2_msgs::TFMessage>,
@@ -150,12 +156,26 @@ impl Outputs {
                 }),
                 None => None,
             },
-            external_impulse: match params.motions.interfaces || world.is_acted_on() {
+            external_impulse: match params.motions.interfaces
+                || world.is_acted_on()
+                || world.has_contact()
+            {
                 true => Some(Output {
                     publisher: topics::EXTERNAL_IMPULSE.advertise(node)?,
                     message: external_impulse_message(),
                 }),
                 false => None,
+            },
+            contacts: match world.has_contact() {
+                true => Some(topics::CONTACTS.advertise(node)?),
+                false => None,
+            },
+            wrist: match blank_wrist_message(world) {
+                Some(message) => Some(Output {
+                    publisher: topics::WRIST_WRENCH.advertise(node)?,
+                    message,
+                }),
+                None => None,
             },
             imu: Output {
                 publisher: topics::IMU.advertise(node)?,
@@ -272,6 +292,12 @@ impl Outputs {
             (&mut self.external_impulse, world.change_from_outside())
         {
             output.publish(|message| update_external_impulse(message, stamp, &change));
+        }
+        if let Some(publisher) = &self.contacts {
+            publisher.publish(&contacts(stamp, world));
+        }
+        if let Some(output) = &mut self.wrist {
+            output.publish(|message| update_wrist_message(message, stamp, world));
         }
         self.imu
             .publish(|message| update_imu(message, stamp, world));

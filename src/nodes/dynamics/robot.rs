@@ -7,6 +7,7 @@ use super::{
     grasps::RigidRobot,
     loops::LoopParams,
     params::{DynamicsParams, joint_vector},
+    touching::Touching,
 };
 use crate::{
     control::commander::BaseState,
@@ -116,6 +117,38 @@ impl Robot {
     pub(super) fn rigid_whole(&self) -> Option<&Floating> {
         match self {
             Self::Rigid(robot) => Some(robot.whole()),
+            Self::Flexible(_) => None,
+        }
+    }
+
+    /// Momentum of the robot with what it holds or may touch, angular about the common centre of mass.
+    pub(super) fn whole_momentum(&self) -> Momentum {
+        match self {
+            Self::Rigid(robot) => robot.whole_momentum(),
+            Self::Flexible(robot) => robot.state().tree.momentum_W,
+        }
+    }
+
+    /// Work of contacts on the robot so far \[J\].
+    pub(super) fn contact_work(&self) -> f64 {
+        match self {
+            Self::Rigid(robot) => robot.contact_work(),
+            Self::Flexible(_) => 0.0,
+        }
+    }
+
+    /// The bodies that it may touch and is stepped with now.
+    pub fn touching(&self) -> Option<&Touching> {
+        match self {
+            Self::Rigid(robot) => robot.stepped_with(),
+            Self::Flexible(_) => None,
+        }
+    }
+
+    /// The bodies that may touch, also while it holds a target and is not stepped with them.
+    pub(super) fn contacts(&self) -> Option<&Touching> {
+        match self {
+            Self::Rigid(robot) => robot.touching(),
             Self::Flexible(_) => None,
         }
     }

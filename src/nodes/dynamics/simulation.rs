@@ -341,8 +341,10 @@ impl<'a> Simulation<'a> {
     fn step_to_tick(&mut self) {
         let stepped = self.world.step_to_tick_or_restore();
         self.robot_status.stepped(stepped);
-        if let Err(problem) = self.world.check_grasps() {
-            tracing::error!("{problem}");
+        for checked in [self.world.check_grasps(), self.world.check_contacts()] {
+            if let Err(problem) = checked {
+                tracing::error!("{problem}");
+            }
         }
         self.clock.release();
         self.commands.expect_response(self.world.time());

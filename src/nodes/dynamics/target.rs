@@ -21,6 +21,8 @@ pub struct Target {
     /// Its description as URDF, for viewers: the root link is called `name`, any other link L `name/L`, as their frames
     /// are. Two targets with one description thus share no frame.
     pub description: String,
+    /// File or parameter that gave the description.
+    pub(super) source: String,
     /// Whether it was added after the start.
     pub spawned: bool,
     /// Its frames.
@@ -72,6 +74,7 @@ impl Target {
             backup: StateBackup::new(&body),
             body,
             description: with_link_names(name, &params.description.xml),
+            source: params.description.source.clone(),
             spawned: false,
             frames,
             start,

@@ -1,11 +1,14 @@
 //! The simulated world: the robot and the free bodies, at one time.
 
+mod contact;
 #[cfg(test)]
 mod flexible_tests;
 mod grasping;
 #[cfg(test)]
 mod tests;
 
+pub use contact::LinkContact;
+use contact::WorldContacts;
 pub use grasping::GraspEvent;
 use grasping::Grasps;
 
@@ -21,6 +24,7 @@ use super::params::DynamicsParams;
 use super::robot::{Robot, RobotState};
 use super::target::Target;
 use super::tick_time::TickTime;
+use super::wrist::Wrist;
 use nalgebra::Vector3;
 
 use crate::{
@@ -28,7 +32,6 @@ use crate::{
         commander::{ArmMotion, TwistServo},
         with_default_effort_limits,
     },
-    dynamics::JointPhysics,
     model::Model,
     spatial::Twist,
     vision::{StarTracker, StarTrackerFrame},
@@ -37,7 +40,7 @@ use crate::{
 /// What messages call the robot.
 const ROBOT: &str = "the robot";
 
-/// The robot and the free bodies. They share nothing but time.
+/// The robot and the free bodies. They share time, and grasps and contacts if there are any.
 pub struct World {
     /// The robot.
     pub robot: Robot,
@@ -51,7 +54,9 @@ pub struct World {
     wheel_torques: MeanEfforts,
     wrenches: ExternalWrenches,
     grasps: Grasps,
+    contacts: Option<WorldContacts>,
     imu: ImuParams,
+    pub(super) wrist: Option<Wrist>,
     /// Random walk of the gyro's bias up to the present tick \[rad/s\].
     gyro_walk: Vector3<f64>,
     star_tracker: Option<StarTracker>,
@@ -86,7 +91,9 @@ impl World {
         let targets = targets.collect::<Result<Vec<_>, _>>()?;
         let mut world = Self {
             grasps: Grasps::new(params, &robot, &targets)?,
-            not_simulated: not_simulated(&robot, &params.joint_physics),
+            wrist: Wrist::new(&params.wrist, &robot)?,
+            contacts: WorldContacts::new(params, &robot, &targets)?,
+            not_simulated: not_simulated(&robot, params),
             drive: JointDrive::new(&robot, &params.drive)?,
             wheel_torques: MeanEfforts::new(wheels.len()),
             wrenches: ExternalWrenches::new(robot.model()).with_excitations(excitations),
@@ -103,6 +110,7 @@ impl World {
         };
         world.follow_grasps(0.0);
         world.check_grasps()?;
+        world.begin_contact()?;
         Ok(world)
     }
 
@@ -150,6 +158,7 @@ impl World {
     pub(super) fn reset_state(&mut self) {
         self.robot.restore(&self.start);
         self.grasps.reset(self.time.now());
+        self.reset_contact();
         self.drive.reset(&mut self.robot);
         self.wrenches.reset(&mut self.robot);
         self.wheel_torques.reset();
@@ -424,8 +433,13 @@ impl World {
     /// Acceleration of the base frame's origin as a point, and angular acceleration, under what acts now; in the world,
     /// base axes.
     pub(super) fn base_acceleration(&mut self) -> Twist {
+        self.under_excitations(|robot| robot.A_WB_B())
+    }
+
+    /// What `read` finds of the robot under all that acts now.
+    pub(super) fn under_excitations<T>(&mut self, read: impl FnOnce(&mut Robot) -> T) -> T {
         let time = self.time.now();
-        (self.wrenches).while_excited(&mut self.robot, time, |robot| robot.A_WB_B())
+        (self.wrenches).while_excited(&mut self.robot, time, read)
     }
 
     /// Adds the torques that the wheels' motors give from `time` \[s\] for `seconds`.
@@ -442,11 +456,11 @@ impl World {
         }
     }
 
-    /// Steps the targets that the robot does not hold.
+    /// Steps the targets that the robot neither holds nor may touch.
     fn step_free_targets(&mut self, seconds: f64) {
         let steps = step_count(seconds, self.time_step);
         for i in 0..self.targets.len() {
-            if self.held_target() != Some(self.targets[i].name.as_str()) {
+            if !self.is_stepped_with_robot(i) {
                 self.targets[i].step(seconds / steps as f64, steps);
             }
         }
@@ -458,6 +472,7 @@ impl World {
         self.wrenches.save_change();
         self.follow_grasps(start);
         self.save_held_target();
+        self.prepare_contact();
         let end = self.time.now();
         let (mut time, mut targets_at) = (start, start);
         loop {
@@ -483,7 +498,7 @@ impl World {
                 self.time_step,
             );
             if let Some(held) = held {
-                self.finish_held_step(held);
+                self.finish_held_step(held, time);
             }
             if next >= next_grasp {
                 let whole = targets_at == start && next >= end;
@@ -513,8 +528,9 @@ fn limited(described: &Model, acceleration: f64) -> (Model, (Vec<String>, f64)) 
     }
 }
 
-/// What only rigid mechanisms without closed loops can do, if it is asked for.
-fn not_simulated(robot: &Robot, settings: &JointPhysics) -> Option<String> {
+/// What of the joints is not simulated, if it is asked for: always, or near other bodies.
+fn not_simulated(robot: &Robot, params: &DynamicsParams) -> Option<String> {
+    let settings = &params.joint_physics;
     if let Some(robot) = robot.flexible() {
         let names: Vec<_> = robot.system().unsimulated_joints(settings).collect();
         return (!names.is_empty()).then(|| {
@@ -525,7 +541,11 @@ fn not_simulated(robot: &Robot, settings: &JointPhysics) -> Option<String> {
             )
         });
     }
-    robot.loops()?;
+    let place = match (robot.loops(), &params.contact) {
+        (Some(_), _) => "in closed loops",
+        (None, Some(_)) => "while bodies are close to each other",
+        (None, None) => return None,
+    };
     let joints = robot.model().joints().iter();
     let more_than_damped = joints.filter(|joint| {
         let limits = &joint.limits;
@@ -535,7 +555,7 @@ fn not_simulated(robot: &Robot, settings: &JointPhysics) -> Option<String> {
     let names: Vec<_> = more_than_damped.map(|joint| joint.name.as_str()).collect();
     (!names.is_empty()).then(|| {
         format!(
-            "Coulomb friction and stops of {} are not simulated in closed loops; damping is \
+            "Coulomb friction and stops of {} are not simulated {place}; damping is \
              (joint_physics.friction and joint_physics.stops switch this note off)",
             names.join(", ")
         )

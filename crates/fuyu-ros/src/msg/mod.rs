@@ -29,6 +29,7 @@ pub mod geometry_msgs;
 pub mod lifecycle_msgs;
 pub mod nav_msgs;
 pub mod rcl_interfaces;
+pub mod ros_gz_interfaces;
 pub mod rosbag2_interfaces;
 pub mod rosgraph_msgs;
 pub mod sensor_msgs;
@@ -57,6 +58,7 @@ pub fn definitions() -> impl Iterator<Item = &'static Definition> {
         lifecycle_msgs::DEFINITIONS,
         nav_msgs::DEFINITIONS,
         rcl_interfaces::DEFINITIONS,
+        ros_gz_interfaces::DEFINITIONS,
         rosgraph_msgs::DEFINITIONS,
         sensor_msgs::DEFINITIONS,
         simulation_interfaces::DEFINITIONS,

@@ -2,6 +2,7 @@
 
 mod appendages;
 mod bodies;
+mod contact;
 mod elastic_joints;
 mod elastic_links;
 mod excitations;
@@ -25,6 +26,7 @@ use super::imu::ImuParams;
 use super::joint_drive::{DriveConfig, step_count};
 use super::loops::LoopParams;
 use super::star_tracker::declare_star_tracker;
+use super::wrist::WristParams;
 use crate::{
     dynamics::{FormulationKind, IntegrationMethod, JointPhysics},
     nodes::{
@@ -36,6 +38,8 @@ use crate::{
 };
 pub use appendages::AppendageParams;
 use bodies::finite_list;
+use contact::declare_contact;
+pub use contact::{ContactPairParams, ContactParams};
 use excitations::declare_excitations;
 pub use excitations::{ExcitationParams, Excited};
 pub use flexible::FlexibleParams;
@@ -73,12 +77,16 @@ pub struct DynamicsParams {
     pub targets: Vec<TargetParams>,
     /// Grasps by which the robot can hold targets.
     pub grasps: Vec<GraspParams>,
+    /// Contact between bodies; `None` if they pass through each other.
+    pub contact: Option<ContactParams>,
     /// Namespaces of all robots of this world, if there are several; the first one's node owns the time.
     pub robots: Vec<String>,
     /// Folders from which peers may name files to spawn.
     pub resource_folders: AllowedFolders,
     /// The base's inertial measurement unit.
     pub imu: ImuParams,
+    /// The force and torque sensor.
+    pub wrist: WristParams,
     /// The base's star tracker, if it has one.
     pub star_tracker: Option<StarTrackerConfig>,
     /// Integration method.
@@ -237,7 +245,9 @@ impl DynamicsParams {
             targets.push((name, key, file, lookup, motion, joints));
         }
         let grasps = declare_grasps(declare);
+        let contact = declare_contact(declare, &packages);
         let imu = ImuParams::declare(declare);
+        let wrist = WristParams::declare(declare);
         let star_tracker = declare_star_tracker(declare);
         let method = choice::declare(
             declare,
@@ -413,6 +423,18 @@ impl DynamicsParams {
                 "parameter formulation is '{name}'; robots with appendages, elastic joints, wheels or thrusters need '{usual}'"
             ));
         }
+        if !flexible.is_empty() && contact.is_some() {
+            return Err(
+                "parameter contact: a robot with appendages, elastic joints, wheels or thrusters cannot touch other bodies yet; remove one of the two"
+                    .to_owned(),
+            );
+        }
+        if !loop_closures.is_empty() && contact.is_some() {
+            return Err(
+                "parameter contact: a robot with loop_closures cannot touch other bodies; remove one of the two"
+                    .to_owned(),
+            );
+        }
         let robot = if xml.is_empty() {
             Description::read("urdf", &urdf, &of_robot, strict)?
         } else {
@@ -440,9 +462,11 @@ impl DynamicsParams {
             excitations: excitations?,
             targets,
             grasps,
+            contact,
             robots,
             resource_folders: AllowedFolders::new(resource_folders),
             imu,
+            wrist,
             star_tracker,
             // The declaration has refused any other text.
             method: choice::find(&IntegrationMethod::NAMES, &method).unwrap_or_default(),

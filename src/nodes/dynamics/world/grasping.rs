@@ -233,11 +233,11 @@ impl World {
         }
     }
 
-    /// The targets that a grasp of the robot can hold.
-    pub fn graspable_targets(&self) -> impl Iterator<Item = &Target> {
+    /// The targets that a grasp of the robot can hold, or that it may touch.
+    pub fn coupled_targets(&self) -> impl Iterator<Item = &Target> {
         let is_graspable = |target: &&Target| {
             let mut grasps = self.grasps.all.iter();
-            grasps.any(|g| g.params.target == target.name)
+            self.has_contact() || grasps.any(|g| g.params.target == target.name)
         };
         self.targets.iter().filter(is_graspable)
     }
@@ -258,7 +258,8 @@ impl World {
     /// What wrenches from outside, thrusters and held targets have changed of the robot since the start; `None` if
     /// nothing has acted.
     pub fn change_from_outside(&self) -> Option<ExternalChange> {
-        let by_targets = (!self.grasps.events.is_empty()).then_some(self.grasps.from_targets);
+        let has_met = !self.grasps.events.is_empty() || !self.contact_events().is_empty();
+        let by_targets = has_met.then_some(self.grasps.from_targets);
         match (self.wrenches.change().copied(), by_targets) {
             (Some(mut sum), Some(other)) => {
                 sum.momentum_W.linear += other.momentum_W.linear;
@@ -423,17 +424,19 @@ impl World {
         what
     }
 
-    /// Before a step of the robot, if it holds something: what [`Self::finish_held_step`] needs.
+    /// Before a step of the robot, if it holds something or may touch something: what [`Self::finish_held_step`] needs.
     pub(super) fn begin_held_step(&self) -> Option<HeldStep> {
-        self.held_target()?;
+        if self.held_target().is_none() && self.robot.touching().is_none() {
+            return None;
+        }
         Some(HeldStep {
             before: Carried::of(&self.robot),
             known: self.known_change(),
         })
     }
 
-    /// After a step of the robot that holds something: its target moves with it.
-    pub(super) fn finish_held_step(&mut self, step: HeldStep) {
+    /// After a step of the robot that began at `time` \[s\]: what it holds or may touch moves with it.
+    pub(super) fn finish_held_step(&mut self, step: HeldStep, time: f64) {
         let (then, now) = (step.known, self.known_change());
         let known = ExternalChange {
             momentum_W: Momentum {
@@ -444,6 +447,7 @@ impl World {
         };
         self.count_change_by_targets(&step.before, &known);
         self.show_held_target();
+        self.finish_contact(time);
     }
 
     /// Gives the target that the robot holds the motion that it has in its grasp.
@@ -460,6 +464,7 @@ impl World {
     fn known_change(&self) -> ExternalChange {
         let momentum_W = (self.wrenches.change()).map_or_else(Momentum::default, |c| c.momentum_W);
         let work = (self.robot.rigid_whole()).map_or(0.0, |whole| whole.state().work);
+        let work = work - self.robot.contact_work();
         ExternalChange { momentum_W, work }
     }
 

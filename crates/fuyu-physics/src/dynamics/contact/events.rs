@@ -6,6 +6,13 @@ use nalgebra::Vector3;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ColliderId(pub(super) usize);
 
+impl ColliderId {
+    /// Number of the collider in the order in which they were added, from zero.
+    pub fn index(self) -> usize {
+        self.0
+    }
+}
+
 /// A point at which two bodies touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactPoint {

@@ -5,6 +5,8 @@
 //! friction or bristles. Forces are equal and opposite at one point, so that total momentum does not change. Events
 //! are located, and steps are controlled by their error.
 
+mod coupling;
+mod driven;
 mod error;
 mod events;
 mod law;
@@ -12,6 +14,7 @@ mod polyhedron;
 mod radau;
 mod scene;
 mod shape;
+mod stepping;
 mod touch;
 mod world;
 

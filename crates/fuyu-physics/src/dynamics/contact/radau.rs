@@ -53,10 +53,10 @@ const E: [f64; 3] = [-10.048_809_399_827_416, 1.382_142_733_160_749, -1.0 / 3.0]
 /// Limit of the iterations.
 const ITERATIONS: usize = 7;
 
-/// Differential equations in time-independent form.
+/// Differential equations.
 pub(super) trait Equations {
-    /// Rates of the state `y`.
-    fn rates(&mut self, y: &[f64], rates: &mut [f64]);
+    /// Rates of the state `y`, `after` the start of the step \[s\].
+    fn rates(&mut self, after: f64, y: &[f64], rates: &mut [f64]);
     /// Size of each entry of the state that counts as one unit of error.
     fn scale(&self) -> &[f64];
 }
@@ -221,7 +221,7 @@ impl Radau {
 
     /// Rates at the start of the steps to come.
     pub fn begin(&mut self, y: &[f64], equations: &mut impl Equations) {
-        equations.rates(y, &mut self.start_rates);
+        equations.rates(0.0, y, &mut self.start_rates);
     }
 
     /// Sets the Jacobian at `y` by differences.
@@ -233,7 +233,7 @@ impl Radau {
             let wanted = 1.5e-8 * equations.scale()[j].max(start.abs());
             self.point[j] = start + wanted;
             let step = self.point[j] - start;
-            equations.rates(&self.point, &mut self.shifted);
+            equations.rates(0.0, &self.point, &mut self.shifted);
             self.point[j] = start;
             for i in 0..n {
                 self.jacobian[i * n + j] = (self.shifted[i] - self.start_rates[i]) / step;
@@ -281,7 +281,7 @@ impl Radau {
                 for ((point, y), z) in self.point.iter_mut().zip(y).zip(&self.z[i]) {
                     *point = y + z;
                 }
-                equations.rates(&self.point, &mut self.rates[i]);
+                equations.rates(C[i] * h, &self.point, &mut self.rates[i]);
             }
             for k in 0..n {
                 let f = [self.rates[0][k], self.rates[1][k], self.rates[2][k]];
@@ -356,7 +356,7 @@ impl Radau {
         for ((point, y), error) in self.point.iter_mut().zip(y).zip(&self.error) {
             *point = y + error;
         }
-        equations.rates(&self.point, &mut self.shifted);
+        equations.rates(0.0, &self.point, &mut self.shifted);
         for k in 0..self.n {
             self.error[k] = self.shifted[k] + combined(k, &self.z);
         }
@@ -429,7 +429,7 @@ mod tests {
     }
 
     impl Equations for Stiff {
-        fn rates(&mut self, y: &[f64], rates: &mut [f64]) {
+        fn rates(&mut self, _: f64, y: &[f64], rates: &mut [f64]) {
             // x = cos t, with a strongly attracted second component that follows x².
             rates[0] = -y[1];
             rates[1] = y[0];

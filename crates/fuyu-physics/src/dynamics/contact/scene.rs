@@ -10,15 +10,14 @@ use std::ops::Range;
 use nalgebra::{DVector, UnitQuaternion, Vector3};
 
 use super::law::ContactLaw;
-use super::radau::Equations;
 use super::shape::Shape;
 use super::touch::{self, Touch};
-use crate::dynamics::rate::{turn, turn_rate};
-use crate::dynamics::{
-    Floating, Formulation as _, ForwardDynamics, Input, State, TreeAcceleration, TreeMotion,
-    Workspace,
-};
+use crate::dynamics::rate::turn;
+use crate::dynamics::{Floating, ForwardDynamics, Input, State, TreeAcceleration, Workspace};
 use crate::spatial::{Pose, Wrench};
+
+/// Distance \[m\] of the spheres that contain two shapes beyond which their points are not looked for.
+const FAR: f64 = 0.1;
 
 /// A shape fixed to a body.
 #[derive(Debug, Clone)]
@@ -27,6 +26,8 @@ pub(super) struct Collider {
     pub body: usize,
     pub X_BS: Pose,
     pub shape: Shape,
+    /// What messages call it, if not its body.
+    pub name: Option<String>,
     /// Pose in the world.
     pub X_WS: Pose,
 }
@@ -39,6 +40,8 @@ pub(super) struct Pair {
     pub law: ContactLaw,
     /// Its points.
     pub points: Range<usize>,
+    /// Whether it does not act until all its points have been apart.
+    pub is_suspended: bool,
 }
 
 /// What a point does; it changes at events only, so that forces are smooth in between.
@@ -64,6 +67,8 @@ pub(super) struct Point {
     pub normal_force: f64,
     /// Slip of the first body, world axes.
     pub slip: Vector3<f64>,
+    /// Power of the forces on the first and the second body \[W\].
+    pub power: [f64; 2],
     /// Entry of the deflection in the state.
     pub deflection: Option<usize>,
 }
@@ -73,21 +78,24 @@ pub(super) struct Point {
 pub(super) struct Member {
     pub state: State,
     pub workspace: Workspace,
-    dynamics: ForwardDynamics,
+    pub dynamics: ForwardDynamics,
     /// Held efforts and wrenches, and those with contact.
     pub held: Input,
-    input: Input,
-    out: TreeAcceleration,
+    pub input: Input,
+    pub out: TreeAcceleration,
     /// Attitude at the start of the step.
     pub R_start: UnitQuaternion<f64>,
-    /// First entry in the state, and that of work and dissipation.
-    offset: usize,
-    quadrature: usize,
+    /// First entry in the state, and that of work, dissipation, and work of contacts.
+    pub offset: usize,
+    pub quadrature: usize,
     /// Force of contacts on each body, and torque about its origin; world axes.
-    loads: Vec<Wrench>,
+    pub loads: Vec<Wrench>,
     /// Poses of the bodies.
-    X_WB: Vec<Pose>,
+    pub X_WB: Vec<Pose>,
 }
+
+/// Entries of a system that are sums over time: work, dissipation, and work of contacts.
+const QUADRATURES: usize = 3;
 
 impl Member {
     fn new(system: &Floating) -> Self {
@@ -131,9 +139,9 @@ pub(super) struct Scene {
     pub pairs: Vec<Pair>,
     pub points: Vec<Point>,
     /// Point about which angular momentum is taken.
-    origin: Vector3<f64>,
+    pub origin: Vector3<f64>,
     /// Unit of error of each entry of the state.
-    scale: Vec<f64>,
+    pub scale: Vec<f64>,
     touches: Vec<Touch>,
 }
 
@@ -178,6 +186,7 @@ impl Scene {
                     force: Vector3::zeros(),
                     normal_force: 0.0,
                     slip: Vector3::zeros(),
+                    power: [0.0; 2],
                     deflection,
                 });
             }
@@ -186,7 +195,7 @@ impl Scene {
         let quadratures = next;
         for member in &mut self.members {
             member.quadrature = next;
-            next += 2;
+            next += QUADRATURES;
         }
         // One metre, radian, metre per second or radian per second; momentum as that of these speeds.
         self.scale = vec![tolerance; next];
@@ -199,7 +208,7 @@ impl Scene {
             let momenta = member.offset + 6 + member.dof();
             self.scale[momenta..momenta + 3].fill(tolerance * mass);
             self.scale[momenta + 3..momenta + 6].fill(tolerance * inertia);
-            self.scale[member.quadrature..member.quadrature + 2].fill(tolerance * mass);
+            self.scale[member.quadrature..][..QUADRATURES].fill(tolerance * mass);
         }
         for pair in &self.pairs {
             let Some(bristle) = &pair.law.bristle else {
@@ -235,8 +244,7 @@ impl Scene {
             part[6 + n..9 + n].copy_from_slice(momentum.linear.as_slice());
             part[9 + n..12 + n].copy_from_slice(angular.as_slice());
             part[12 + n..].copy_from_slice(state.qd.as_slice());
-            y[member.quadrature] = 0.0;
-            y[member.quadrature + 1] = 0.0;
+            y[member.quadrature..][..QUADRATURES].fill(0.0);
         }
     }
 
@@ -258,8 +266,13 @@ impl Scene {
         state.dissipated.damping += y[member.quadrature + 1];
     }
 
+    /// Work of contacts on system `i` in `y` \[J\].
+    pub fn contact_work(&self, i: usize, y: &[f64]) -> f64 {
+        y[self.members[i].quadrature + 2]
+    }
+
     /// Poses, motion and contacts at `y`.
-    fn locate(&mut self, y: &[f64]) {
+    pub fn locate(&mut self, y: &[f64]) {
         for member in &mut self.members {
             let mut state = std::mem::replace(&mut member.state, State::empty());
             set_state(member, &self.origin, y, &mut state);
@@ -279,16 +292,26 @@ impl Scene {
     }
 
     /// The contacts at `y` in the modes that they have, and their forces.
-    fn touch(&mut self, y: &[f64]) {
+    pub fn touch(&mut self, y: &[f64]) {
         for pair in &self.pairs {
             let (first, second) = (&self.colliders[pair.first], &self.colliders[pair.second]);
+            let points = &mut self.points[pair.points.clone()];
+            let gap = bound_of_gap(first, second);
+            if gap > FAR && points.iter().all(|point| point.mode == Mode::Apart) {
+                for point in points {
+                    point.touch = Touch { gap, ..Touch::NONE };
+                    (point.force, point.normal_force) = (Vector3::zeros(), 0.0);
+                    point.power = [0.0; 2];
+                }
+                continue;
+            }
             let found = &mut self.touches[..pair.points.len()];
             touch::find(
                 (&first.shape, &first.X_WS),
                 (&second.shape, &second.X_WS),
                 found,
             );
-            for (point, touch) in self.points[pair.points.clone()].iter_mut().zip(found) {
+            for (point, touch) in points.iter_mut().zip(found) {
                 point.touch = *touch;
                 let depth = -touch.gap;
                 let law = &pair.law;
@@ -306,10 +329,12 @@ impl Scene {
                 let of = |collider: &Collider| {
                     self.members[collider.system].velocity(collider.body, &point.at)
                 };
-                let relative = of(first) - of(second);
+                let velocities = [of(first), of(second)];
+                let relative = velocities[0] - velocities[1];
                 point.rate = -normal.dot(&relative);
                 point.slip = relative + normal * point.rate;
                 (point.force, point.normal_force) = (Vector3::zeros(), 0.0);
+                point.power = [0.0; 2];
                 if point.mode != Mode::Touching || !depth.is_finite() {
                     continue;
                 }
@@ -326,6 +351,8 @@ impl Scene {
                     _ => law.friction_force(point.normal_force, &point.slip),
                 };
                 point.force = normal * point.normal_force + friction;
+                let [of_first, of_second] = velocities.map(|v| point.force.dot(&v));
+                point.power = [of_first, -of_second];
             }
         }
     }
@@ -340,7 +367,7 @@ impl Scene {
     /// largest.
     pub fn violation(&self) -> f64 {
         let mut worst = f64::NEG_INFINITY;
-        for pair in &self.pairs {
+        for pair in self.pairs.iter().filter(|pair| !pair.is_suspended) {
             for point in &self.points[pair.points.clone()] {
                 worst = worst.max(violation(point, &pair.law));
             }
@@ -348,11 +375,29 @@ impl Scene {
         worst
     }
 
+    /// Pairs whose points are all apart act again.
+    pub fn resume_pairs(&mut self) {
+        for pair in self.pairs.iter_mut().filter(|pair| pair.is_suspended) {
+            let mut points = self.points[pair.points.clone()].iter();
+            pair.is_suspended = points.any(|point| point.touch.gap < 0.0);
+        }
+    }
+
+    /// Pairs of the systems that were `replaced` do not act if they overlap.
+    pub fn suspend_pairs(&mut self, replaced: &[bool]) {
+        for pair in &mut self.pairs {
+            let systems = [pair.first, pair.second].map(|i| self.colliders[i].system);
+            let mut points = self.points[pair.points.clone()].iter();
+            pair.is_suspended |=
+                systems.iter().any(|i| replaced[*i]) && points.any(|point| point.touch.gap < 0.0);
+        }
+    }
+
     /// Changes the modes of the points that are wrong; deflections of points that begin to touch start at zero.
     /// Calls `note` with the colliders, the number of the point, and whether it touches now, for each that begins
     /// or ends to.
     pub fn change_modes(&mut self, y: &mut [f64], mut note: impl FnMut(usize, usize, usize, bool)) {
-        for pair in &self.pairs {
+        for pair in self.pairs.iter().filter(|pair| !pair.is_suspended) {
             for (i, point) in self.points[pair.points.clone()].iter_mut().enumerate() {
                 if violation(point, &pair.law) <= 0.0 {
                     continue;
@@ -433,7 +478,7 @@ impl Scene {
         })
     }
 
-    /// Energy stored in the contacts \[J\].
+    /// Energy stored in the contacts that act \[J\].
     pub fn stored_energy(&self) -> f64 {
         let of = |pair: &Pair| {
             let points = self.points[pair.points.clone()].iter();
@@ -441,8 +486,16 @@ impl Scene {
                 .map(|p| pair.law.stored_energy(-p.touch.gap))
                 .sum::<f64>()
         };
-        self.pairs.iter().map(of).sum()
+        let acting = self.pairs.iter().filter(|pair| !pair.is_suspended);
+        acting.map(of).sum()
     }
+}
+
+/// Lower bound of the distance of two shapes \[m\], from the spheres that contain them.
+fn bound_of_gap(first: &Collider, second: &Collider) -> f64 {
+    let reach = first.shape.bounding_radius() + second.shape.bounding_radius();
+    let offset = first.X_WS.translation.vector - second.X_WS.translation.vector;
+    offset.norm() - reach
 }
 
 fn violation(point: &Point, law: &ContactLaw) -> f64 {
@@ -468,107 +521,6 @@ fn set_state(member: &Member, origin: &Vector3<f64>, y: &[f64], state: &mut Stat
     state.momentum_W.linear = vector(6 + n);
     state.momentum_W.angular = vector(9 + n) - from_origin.cross(&state.momentum_W.linear);
     state.qd.as_mut_slice().copy_from_slice(&part[12 + n..]);
-}
-
-impl Equations for Scene {
-    fn rates(&mut self, y: &[f64], rates: &mut [f64]) {
-        self.locate(y);
-        self.touch(y);
-        rates.fill(0.0);
-        for pair in &self.pairs {
-            let (first, second) = (&self.colliders[pair.first], &self.colliders[pair.second]);
-            for point in &self.points[pair.points.clone()] {
-                if point.mode != Mode::Touching {
-                    continue;
-                }
-                let torque = (point.at - self.origin).cross(&point.force);
-                for (collider, sign) in [(first, 1.0), (second, -1.0)] {
-                    let member = &mut self.members[collider.system];
-                    let momenta = member.offset + 6 + member.state.q.len();
-                    let force = point.force * sign;
-                    for i in 0..3 {
-                        rates[momenta + i] += force[i];
-                        rates[momenta + 3 + i] += sign * torque[i];
-                    }
-                    let arm = point.at - member.X_WB[collider.body].translation.vector;
-                    member.loads[collider.body] += Wrench::new(arm.cross(&force), force);
-                }
-                if let (Some(bristle), Some(at)) = (&pair.law.bristle, point.deflection) {
-                    let R_W2 = &self.members[second.system].X_WB[second.body].rotation;
-                    let z = Vector3::from_column_slice(&y[at..at + 3]);
-                    let slip = R_W2.inverse_transform_vector(&point.slip);
-                    let rate = pair.law.deflection_rate(bristle, &slip, &z);
-                    rates[at..at + 3].copy_from_slice(rate.as_slice());
-                }
-            }
-        }
-        for member in &mut self.members {
-            let n = member.state.q.len();
-            let (mut work, mut damping) = (0.0, 0.0);
-            let part = &mut rates[member.offset..][..12 + 2 * n];
-            for (b, load) in member.loads.iter_mut().enumerate() {
-                let X_WB = &member.X_WB[b];
-                let held = &member.held.wrenches[b];
-                let mut wrench = Wrench {
-                    torque: X_WB.rotation.inverse_transform_vector(&load.torque),
-                    force: X_WB.rotation.inverse_transform_vector(&load.force),
-                };
-                if *held != Wrench::ZERO {
-                    let force = X_WB.rotation * held.force;
-                    let arm = X_WB.translation.vector - self.origin;
-                    let torque = X_WB.rotation * held.torque + arm.cross(&force);
-                    for i in 0..3 {
-                        part[6 + n + i] += force[i];
-                        part[9 + n + i] += torque[i];
-                    }
-                    wrench += *held;
-                }
-                if wrench != Wrench::ZERO {
-                    // Twist of the body's frame, body axes.
-                    let twist = &member.workspace.bodies[b].twist;
-                    let X_0B = member.X_WB[0].inverse() * X_WB;
-                    let from = X_0B.translation.vector - member.workspace.p_BK(b);
-                    let linear = twist.linear + twist.angular.cross(&from);
-                    let to_body = X_0B.rotation.inverse();
-                    work += (to_body * twist.angular).dot(&wrench.torque)
-                        + (to_body * linear).dot(&wrench.force);
-                }
-                member.input.wrenches[b] = wrench;
-            }
-            let state = &member.state;
-            let turned = Vector3::from_column_slice(&y[member.offset..][..3]);
-            let w = member.workspace.V_WB_B().angular;
-            part[..3].copy_from_slice(turn_rate(&turned, &w).as_slice());
-            let v = state.momentum_W.linear / member.workspace.mass;
-            part[3..6].copy_from_slice(v.as_slice());
-            part[6..6 + n].copy_from_slice(state.qd.as_slice());
-            if n > 0 {
-                member.input.efforts.copy_from(&member.held.efforts);
-                let motion = TreeMotion {
-                    R_WB: state.R_WB,
-                    V_WB_B: *member.workspace.V_WB_B(),
-                    q: state.q.as_slice(),
-                    qd: state.qd.as_slice(),
-                };
-                member
-                    .dynamics
-                    .accelerations(&motion, &member.input, &mut member.out);
-                part[12 + n..].copy_from_slice(member.out.qdd.as_slice());
-                let joints = member.workspace.model().joints();
-                for (j, joint) in joints.iter().enumerate() {
-                    let (q, qd) = (state.q[j], state.qd[j]);
-                    work += (member.input.efforts[j] + joint.passive_effort(q, qd)) * qd;
-                    damping += joint.damping * qd * qd;
-                }
-            }
-            rates[member.quadrature] = work;
-            rates[member.quadrature + 1] = damping;
-        }
-    }
-
-    fn scale(&self) -> &[f64] {
-        &self.scale
-    }
 }
 
 impl State {

@@ -1,5 +1,6 @@
 //! Several floating systems that touch, stepped together.
 
+use super::driven::{Drive, Forces};
 use super::error::ContactError;
 use super::events::{ColliderId, ContactEvent, ContactPoint, ContactWork};
 use super::law::ContactLaw;
@@ -17,14 +18,18 @@ const STEPS: usize = 200_000;
 /// Steps in one call, rejected ones included, from which on the tolerance is raised, and after how many more it is ten
 /// times as large: forces that jump, as those of polyhedra may, must not bring time to a halt.
 const HURDLE: (usize, usize) = (5000, 1000);
-/// Iterations that locate an event.
-const LOCATING: usize = 60;
-/// Depth \[m\] up to which an event counts as located.
-const LOCATED: f64 = 1e-15;
 /// Smallest step relative to the whole. Where the error is still too large, the step is taken as it is.
 const SMALLEST: f64 = 1e-12;
+/// Steps after an event, rejected ones included, from which on the tolerance is raised, and after how many more it
+/// is ten times as large: where a contact lasts, rounding of its force would otherwise keep the steps short.
+const LASTING: (usize, usize) = (20_000, 100);
+/// Tolerance up to which it is raised for that.
+const OF_LASTING: f64 = 1e-8;
 /// Iterations beyond which the next step gets a new Jacobian.
 const SLOW: usize = 4;
+
+/// Depth \[m\] up to which two bodies touch without an overlap: rounding of poses.
+const TOUCHING: f64 = 1e-9;
 
 /// Events that are kept until they are taken.
 const KEPT: usize = 1024;
@@ -61,23 +66,31 @@ const KEPT: usize = 1024;
 /// ```
 #[derive(Debug, Clone)]
 pub struct ContactWorld {
-    systems: Vec<Floating>,
-    scene: Scene,
-    radau: Radau,
+    pub(super) systems: Vec<Floating>,
+    pub(super) scene: Scene,
+    pub(super) radau: Radau,
     /// State at the start of the step, and where it is tried.
-    y: Vec<f64>,
-    trial: Vec<f64>,
+    pub(super) y: Vec<f64>,
+    pub(super) trial: Vec<f64>,
     /// Estimate of the error that counts as one, and the tolerance of the iteration relative to it.
-    tolerance: f64,
+    pub(super) tolerance: f64,
     /// By what the tolerance is raised.
-    raised: f64,
-    next_step: f64,
+    pub(super) raised: f64,
+    pub(super) next_step: f64,
     /// Whether colliders, pairs or states have changed since the last step.
-    is_changed: bool,
-    work: ContactWork,
-    events: Vec<ContactEvent>,
+    pub(super) is_changed: bool,
+    pub(super) work: ContactWork,
+    pub(super) events: Vec<ContactEvent>,
     /// Longest step of the systems' own integrators.
-    free_step: Option<f64>,
+    pub(super) free_step: Option<f64>,
+    /// Systems whose states were replaced since the last step: what they overlap with then does not act until it
+    /// is apart.
+    pub(super) replaced: Vec<bool>,
+    /// Work of contacts on each system, and energy that contacts have dissipated \[J\].
+    pub(super) contact_work: Vec<f64>,
+    pub(super) dissipated: f64,
+    /// Steps since the last event.
+    since_event: usize,
 }
 
 impl ContactWorld {
@@ -96,11 +109,16 @@ impl ContactWorld {
             work: ContactWork::default(),
             events: Vec::with_capacity(KEPT),
             free_step: None,
+            replaced: vec![false; systems.len()],
+            contact_work: vec![0.0; systems.len()],
+            dissipated: 0.0,
+            since_event: 0,
             systems,
         }
     }
 
-    /// The same world with another tolerance: about the error per step \[m, rad, m/s, rad/s\]; 1e-8 by default.
+    /// The same world with another tolerance: about the error per step \[m, rad, m/s, rad/s\]; 1e-8 by default. A tighter
+    /// one is raised up to that while a contact lasts for thousands of steps.
     #[must_use]
     pub fn with_tolerance(mut self, tolerance: f64) -> Self {
         self.tolerance = tolerance.clamp(1e-16, 1e-2);
@@ -138,6 +156,7 @@ impl ContactWorld {
             body,
             X_BS,
             shape,
+            name: None,
             X_WS: X_BS,
         });
         ColliderId(self.scene.colliders.len() - 1)
@@ -155,6 +174,11 @@ impl ContactWorld {
         shape: Shape,
     ) -> ColliderId {
         self.add_collider(system, frame.body, frame.X_BF * X_FS, shape)
+    }
+
+    /// Gives a collider a name, for messages; without one they name its body.
+    pub fn name_collider(&mut self, id: ColliderId, name: &str) {
+        self.scene.colliders[id.0].name = Some(name.to_owned());
     }
 
     /// Lets two colliders touch.
@@ -207,6 +231,7 @@ impl ContactWorld {
             second: second.0,
             law,
             points: 0..0,
+            is_suspended: false,
         });
         Ok(())
     }
@@ -214,6 +239,9 @@ impl ContactWorld {
     /// Name of a collider's body.
     fn name(&self, id: ColliderId) -> String {
         let collider = &self.scene.colliders[id.0];
+        if let Some(name) = &collider.name {
+            return name.clone();
+        }
         let model = self.systems[collider.system].model();
         format!("{} of {}", model.bodies()[collider.body].name, model.name())
     }
@@ -240,17 +268,18 @@ impl ContactWorld {
         self.work
     }
 
-    /// Checks that nothing overlaps.
+    /// Checks that nothing overlaps, other than what does not act for it.
     ///
     /// # Errors
     /// [`ContactError::Overlap`] with the deepest point.
     pub fn check_apart(&mut self) -> Result<(), ContactError> {
         self.begin();
         let mut deepest: Option<(f64, usize)> = None;
-        for (k, pair) in self.scene.pairs.iter().enumerate() {
+        let pairs = self.scene.pairs.iter().enumerate();
+        for (k, pair) in pairs.filter(|(_, pair)| !pair.is_suspended) {
             for point in &self.scene.points[pair.points.clone()] {
                 let depth = -point.touch.gap;
-                if depth > deepest.map_or(0.0, |d| d.0) {
+                if depth > deepest.map_or(TOUCHING, |d| d.0) {
                     deepest = Some((depth, k));
                 }
             }
@@ -304,7 +333,7 @@ impl ContactWorld {
     }
 
     /// Takes over the states of the systems.
-    fn begin(&mut self) {
+    pub(super) fn begin(&mut self) {
         if self.is_changed {
             let count = self.scene.assign(self.estimate());
             self.radau = Radau::new(count);
@@ -318,8 +347,12 @@ impl ContactWorld {
             member.held.copy_from(system.input());
         }
         self.scene.look(&self.y);
+        self.scene.resume_pairs();
         if std::mem::take(&mut self.is_changed) {
+            self.scene.suspend_pairs(&self.replaced);
+            self.replaced.fill(false);
             self.change_modes(0.0);
+            self.scene.look(&self.y);
         }
     }
 
@@ -357,24 +390,34 @@ impl ContactWorld {
     /// # Errors
     /// [`ContactError::NotConverged`]; the systems then stay where they are.
     pub fn step(&mut self, dt: f64) -> Result<(), ContactError> {
+        self.step_driven(dt, None)
+    }
+
+    /// The same with forces on a system that change within the step.
+    pub(super) fn step_driven(
+        &mut self,
+        dt: f64,
+        forces: Option<(usize, Forces)>,
+    ) -> Result<(), ContactError> {
         self.begin();
+        let start = (self.systems.first()).map_or(0.0, |system| system.state().time);
+        let mut drive = Drive { forces, start };
         if let Some(free_step) = self.free_step
             && self.scene.is_apart(dt)
         {
-            let steps = (dt / free_step).ceil().max(1.0);
-            for system in &mut self.systems {
-                system.step(dt / steps, steps as usize);
-            }
-            self.radau.restart();
+            self.step_freely(dt, free_step, &mut drive);
             return Ok(());
         }
-        self.radau.begin(&self.y, &mut self.scene);
+        let stored = self.scene.stored_energy();
+        self.begin_radau(0.0, &mut drive);
         let (mut left, mut events) = (dt, 0);
         let first = self.work.steps + self.work.rejected;
         while left > 0.0 {
             let tries = self.work.steps + self.work.rejected - first;
             let hurdles = tries.saturating_sub(HURDLE.0).div_ceil(HURDLE.1);
-            self.raised = 10f64.powi(hurdles.min(9) as i32);
+            self.raised = 10f64
+                .powi(hurdles.min(9) as i32)
+                .max(self.raised_by_lasting());
             let wanted = self.next_step.min(self.scene.longest_step());
             let wanted = wanted.max(SMALLEST * dt);
             // Not a tiny rest at the end.
@@ -385,18 +428,20 @@ impl ContactWorld {
             } else {
                 wanted
             };
-            let taken = self.advance(h, dt - left, SMALLEST * dt, &mut events);
+            let before = (self.work.steps + self.work.rejected, self.work.events);
+            let taken = self.advance(h, dt - left, SMALLEST * dt, &mut events, &mut drive);
+            self.since_event = match self.work.events > before.1 {
+                true => 0,
+                false => self.since_event + self.work.steps + self.work.rejected - before.0,
+            };
             let Some(taken) = taken.filter(|_| tries < STEPS) else {
                 self.is_changed = true;
-                let start = self
-                    .systems
-                    .first()
-                    .map_or(0.0, |system| system.state().time);
                 let time = start + dt - left;
                 return Err(ContactError::NotConverged { time });
             };
             left = if taken >= left { 0.0 } else { left - taken };
         }
+        let mut of_contacts = 0.0;
         for (i, system) in self.systems.iter_mut().enumerate() {
             let (scene, y) = (&self.scene, &self.y);
             system.change_state(|state| {
@@ -404,7 +449,12 @@ impl ContactWorld {
                 scene.read(i, y, state);
                 state.time = end;
             });
+            let work = scene.contact_work(i, y);
+            self.contact_work[i] += work;
+            of_contacts += work;
         }
+        self.dissipated += stored - self.scene.stored_energy() - of_contacts;
+        self.hold_last(&mut drive);
         Ok(())
     }
 
@@ -416,13 +466,14 @@ impl ContactWorld {
         elapsed: f64,
         smallest: f64,
         events: &mut usize,
+        drive: &mut Drive,
     ) -> Option<f64> {
         let iteration = self.iteration_tolerance() * self.raised;
         if self.radau.is_new() || self.radau.iterations > SLOW {
-            self.set_jacobian();
+            self.set_jacobian(elapsed, drive);
         }
         loop {
-            let error = self.radau.step(&self.y, h, iteration, &mut self.scene);
+            let error = self.try_radau(elapsed, h, iteration, drive);
             let error = match error {
                 Some(error) => error / self.raised,
                 // The smallest step is taken as it is.
@@ -430,7 +481,7 @@ impl ContactWorld {
                 None => {
                     self.work.rejected += 1;
                     if !self.radau.is_current {
-                        self.set_jacobian();
+                        self.set_jacobian(elapsed, drive);
                     } else if h <= smallest {
                         return None;
                     } else {
@@ -456,13 +507,13 @@ impl ContactWorld {
                 && *events < EVENTS
             {
                 *events += 1;
-                let taken = self.locate(after, iteration);
+                let taken = self.locate(elapsed, after, iteration, drive);
                 self.accept(taken);
                 self.scene.look(&self.y);
                 self.change_modes(elapsed + taken);
                 self.work.events += 1;
                 self.radau.restart();
-                self.radau.begin(&self.y, &mut self.scene);
+                self.begin_radau(elapsed + taken, drive);
                 self.next_step = h;
                 return Some(taken);
             }
@@ -473,20 +524,23 @@ impl ContactWorld {
                 h * factor.clamp(0.2, 8.0)
             };
             self.accept(h);
-            self.radau.begin(&self.y, &mut self.scene);
+            self.begin_radau(elapsed + h, drive);
             return Some(h);
         }
+    }
+
+    /// By what the tolerance is raised because there has been no event for many steps.
+    fn raised_by_lasting(&self) -> f64 {
+        let (first, more) = LASTING;
+        let beyond = self.since_event.saturating_sub(first) as f64;
+        let most = 0.1 * OF_LASTING.powf(2.0 / 3.0) / self.estimate();
+        10f64.powf(beyond / more as f64).clamp(1.0, most.max(1.0))
     }
 
     /// Tolerance of the iteration in units of the error estimate.
     fn iteration_tolerance(&self) -> f64 {
         let estimate = self.estimate();
         (estimate.sqrt()).min(0.03).max(1e-15 / estimate)
-    }
-
-    fn set_jacobian(&mut self) {
-        self.radau.set_jacobian(&self.y, &mut self.scene);
-        self.work.jacobians += 1;
     }
 
     fn accept(&mut self, h: f64) {
@@ -496,86 +550,5 @@ impl ContactWorld {
         }
         self.scene.turn_on(&mut self.y);
         self.work.steps += 1;
-    }
-
-    /// By how much modes are wrong after a change of the state.
-    fn violation_after(&mut self, stage: usize) -> f64 {
-        for ((trial, y), change) in self
-            .trial
-            .iter_mut()
-            .zip(&self.y)
-            .zip(self.radau.stage(stage))
-        {
-            *trial = y + change;
-        }
-        self.scene.look(&self.trial);
-        self.scene.violation()
-    }
-
-    /// The first stage of a step of `h` at which a mode should have changed: its time.
-    fn find_violation(&mut self, h: f64) -> Option<f64> {
-        if self.scene.points.is_empty() {
-            return None;
-        }
-        let times = Radau::times();
-        (0..3)
-            .find(|&stage| self.violation_after(stage) > 0.0)
-            .map(|stage| h * times[stage])
-    }
-
-    /// Finds the first event before `after`; the step then ends there. Returns its length.
-    fn locate(&mut self, mut after: f64, iteration: f64) -> f64 {
-        let (mut before, mut violation_before) = (0.0, None);
-        let mut found_after = self.try_step(after, iteration);
-        // What the secant uses: halved where one side stays (the Illinois method).
-        let mut violation_after = found_after;
-        let mut last_side = 0;
-        for _ in 0..LOCATING {
-            if found_after > 0.0 && found_after <= LOCATED || after - before <= 1e-14 * after {
-                break;
-            }
-            let guess = match violation_before {
-                Some(at_before) if at_before < 0.0 => {
-                    before - at_before * (after - before) / (violation_after - at_before)
-                }
-                _ => f64::NAN,
-            };
-            // A little beyond the root, so that the other side is reached, too.
-            let guess = guess + 1e-3 * (after - before).min(guess - before);
-            let time = if guess > before && guess < after {
-                guess
-            } else {
-                0.5 * (before + after)
-            };
-            let violation = self.try_step(time, iteration);
-            if violation > 0.0 {
-                (after, found_after, violation_after) = (time, violation, violation);
-                if last_side == 1 {
-                    violation_before = violation_before.map(|v| 0.5 * v);
-                }
-                last_side = 1;
-            } else {
-                (before, violation_before) = (time, Some(violation));
-                if last_side == -1 {
-                    violation_after *= 0.5;
-                }
-                last_side = -1;
-            }
-        }
-        let _ = self.try_step(after, iteration);
-        after
-    }
-
-    /// A step of `h` without control of its error; by how much modes are wrong at its end.
-    fn try_step(&mut self, h: f64, iteration: f64) -> f64 {
-        if self
-            .radau
-            .step(&self.y, h, iteration, &mut self.scene)
-            .is_none()
-        {
-            self.set_jacobian();
-            let _ = self.radau.step(&self.y, h, iteration, &mut self.scene);
-        }
-        self.violation_after(2)
     }
 }

@@ -1,0 +1,134 @@
+//! Steps of a contact world: where in them events are, and forces that change within them.
+
+use super::driven::{Drive, Driven};
+use super::radau::Radau;
+use super::world::ContactWorld;
+
+/// Iterations that locate an event.
+const LOCATING: usize = 60;
+/// Depth \[m\] up to which an event counts as located.
+const LOCATED: f64 = 1e-15;
+
+impl ContactWorld {
+    /// By how much modes are wrong after a change of the state.
+    fn violation_after(&mut self, stage: usize) -> f64 {
+        for ((trial, y), change) in self
+            .trial
+            .iter_mut()
+            .zip(&self.y)
+            .zip(self.radau.stage(stage))
+        {
+            *trial = y + change;
+        }
+        self.scene.look(&self.trial);
+        self.scene.violation()
+    }
+
+    /// The first stage of a step of `h` at which a mode should have changed: its time.
+    pub(super) fn find_violation(&mut self, h: f64) -> Option<f64> {
+        if self.scene.points.is_empty() {
+            return None;
+        }
+        let times = Radau::times();
+        (0..3)
+            .find(|&stage| self.violation_after(stage) > 0.0)
+            .map(|stage| h * times[stage])
+    }
+
+    /// Finds the first event before `after`; the step then ends there. Returns its length.
+    pub(super) fn locate(
+        &mut self,
+        elapsed: f64,
+        mut after: f64,
+        iteration: f64,
+        drive: &mut Drive,
+    ) -> f64 {
+        let (mut before, mut violation_before) = (0.0, None);
+        let mut found_after = self.try_step(elapsed, after, iteration, drive);
+        // What the secant uses: halved where one side stays (the Illinois method).
+        let mut violation_after = found_after;
+        let mut last_side = 0;
+        for _ in 0..LOCATING {
+            if found_after > 0.0 && found_after <= LOCATED || after - before <= 1e-14 * after {
+                break;
+            }
+            let guess = match violation_before {
+                Some(at_before) if at_before < 0.0 => {
+                    before - at_before * (after - before) / (violation_after - at_before)
+                }
+                _ => f64::NAN,
+            };
+            // A little beyond the root, so that the other side is reached, too.
+            let guess = guess + 1e-3 * (after - before).min(guess - before);
+            let time = if guess > before && guess < after {
+                guess
+            } else {
+                0.5 * (before + after)
+            };
+            let violation = self.try_step(elapsed, time, iteration, drive);
+            if violation > 0.0 {
+                (after, found_after, violation_after) = (time, violation, violation);
+                if last_side == 1 {
+                    violation_before = violation_before.map(|v| 0.5 * v);
+                }
+                last_side = 1;
+            } else {
+                (before, violation_before) = (time, Some(violation));
+                if last_side == -1 {
+                    violation_after *= 0.5;
+                }
+                last_side = -1;
+            }
+        }
+        let _ = self.try_step(elapsed, after, iteration, drive);
+        after
+    }
+
+    /// A step of `h` without control of its error; by how much modes are wrong at its end.
+    fn try_step(&mut self, elapsed: f64, h: f64, iteration: f64, drive: &mut Drive) -> f64 {
+        if self.try_radau(elapsed, h, iteration, drive).is_none() {
+            self.set_jacobian(elapsed, drive);
+            let _ = self.try_radau(elapsed, h, iteration, drive);
+        }
+        self.violation_after(2)
+    }
+
+    /// Rates at the start of the steps from `elapsed` \[s\] after the start of the call on.
+    pub(super) fn begin_radau(&mut self, elapsed: f64, drive: &mut Drive) {
+        let scene = &mut self.scene;
+        let mut equations = Driven {
+            scene,
+            drive,
+            elapsed,
+        };
+        self.radau.begin(&self.y, &mut equations);
+    }
+
+    /// Tries a step of `h` from there, as [`Radau::step`].
+    pub(super) fn try_radau(
+        &mut self,
+        elapsed: f64,
+        h: f64,
+        iteration: f64,
+        drive: &mut Drive,
+    ) -> Option<f64> {
+        let scene = &mut self.scene;
+        let mut equations = Driven {
+            scene,
+            drive,
+            elapsed,
+        };
+        self.radau.step(&self.y, h, iteration, &mut equations)
+    }
+
+    pub(super) fn set_jacobian(&mut self, elapsed: f64, drive: &mut Drive) {
+        let scene = &mut self.scene;
+        let mut equations = Driven {
+            scene,
+            drive,
+            elapsed,
+        };
+        self.radau.set_jacobian(&self.y, &mut equations);
+        self.work.jacobians += 1;
+    }
+}

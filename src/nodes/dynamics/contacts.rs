@@ -1,0 +1,299 @@
+//! Shapes of robot and targets, from the `<collision>` elements of their descriptions, and the pairs that touch.
+
+use std::path::{Path, PathBuf};
+
+use super::{
+    params::{ContactPairParams, ContactParams, Description},
+    target::Target,
+    touching::{Label, Touching},
+};
+use crate::{
+    dynamics::{
+        Floating,
+        contact::{ColliderId, ContactLaw, ContactWorld, Shape},
+    },
+    model::{CollisionElement, CollisionGeometry, Model},
+    nodes::{
+        mesh,
+        resource::{AllowedFolders, Lookup},
+    },
+    spatial::Pose,
+};
+
+/// What names the robot as a whole in `contact.pairs`, besides its description's name.
+const ROBOT: &str = "robot";
+
+/// A shape on a link.
+#[derive(Clone)]
+struct Solid {
+    /// The link's frame in the model.
+    frame: String,
+    /// What messages and events call the link.
+    label: String,
+    /// Name of the `<collision>` element.
+    element: Option<String>,
+    X_LC: Pose,
+    shape: Shape,
+}
+
+/// A solid of a system of the contact world.
+struct Placed<'a> {
+    solid: &'a Solid,
+    system: usize,
+    body: usize,
+    collider: ColliderId,
+}
+
+/// What contacts are made of.
+pub(super) struct Contacts {
+    params: ContactParams,
+    /// Longest step of the bodies' own integrators \[s\].
+    time_step: f64,
+    robot: Vec<Solid>,
+    /// Folders of the meshes of targets that peers have added.
+    allowed: AllowedFolders,
+}
+
+/// Where meshes may be.
+enum Meshes<'a> {
+    /// Of a description that the scenario names.
+    Anywhere(&'a [PathBuf]),
+    /// Of a description that a peer has sent.
+    Below(&'a AllowedFolders),
+}
+
+impl Contacts {
+    /// Reads the robot's shapes.
+    ///
+    /// # Errors
+    /// A line that names the description, the link and what is wrong with its shape.
+    pub fn new(
+        params: &ContactParams,
+        time_step: f64,
+        robot: &Description,
+        model: &Model,
+        allowed: &AllowedFolders,
+    ) -> Result<Self, String> {
+        let meshes = Meshes::Anywhere(&params.packages);
+        let mut solids = read(&robot.xml, &robot.source, &meshes)?;
+        // What no joint connects to the robot is no part of the model.
+        solids.retain(|solid| model.frame(&solid.frame).is_some());
+        Ok(Self {
+            params: params.clone(),
+            time_step,
+            robot: solids,
+            allowed: allowed.clone(),
+        })
+    }
+
+    /// The robot and the targets as they are now, with the pairs that touch.
+    ///
+    /// # Errors
+    /// A line on a description, a shape or a pair.
+    pub fn build(&self, robot: &Floating, targets: &[Target]) -> Result<Touching, String> {
+        let of_targets = targets.iter().map(|target| self.solids_of(target));
+        let of_targets: Vec<Vec<Solid>> = of_targets.collect::<Result<_, _>>()?;
+        let bodies = targets.iter().map(|target| &target.body);
+        let systems: Vec<&Floating> = std::iter::once(robot).chain(bodies).collect();
+        let has_joints = systems.iter().any(|system| system.model().dof() > 0);
+        let mut world = ContactWorld::new(systems.iter().map(|s| (*s).clone()).collect())
+            .with_tolerance(self.params.tolerance_of(has_joints))
+            .with_free_steps(self.time_step);
+        let mut placed = Vec::new();
+        let all = std::iter::once(&self.robot).chain(&of_targets);
+        for (system, solids) in all.enumerate() {
+            let model = systems[system].model();
+            for solid in solids {
+                let Some(frame) = model.frame(&solid.frame) else {
+                    continue;
+                };
+                let shape = solid.shape.clone();
+                let collider = world.add_collider_on(system, frame, &solid.X_LC, shape);
+                world.name_collider(collider, &solid.label);
+                placed.push(Placed {
+                    solid,
+                    system,
+                    body: frame.body,
+                    collider,
+                });
+            }
+        }
+        let owners: Vec<Vec<&str>> = std::iter::once(vec![ROBOT, robot.model().name()])
+            .chain(
+                targets
+                    .iter()
+                    .map(|t| vec![t.name.as_str(), t.body.model().name()]),
+            )
+            .collect();
+        for (k, first) in placed.iter().enumerate() {
+            for second in &placed[k + 1..] {
+                if !self.may_touch(robot.model(), first, second) {
+                    continue;
+                }
+                let Some((law, is_swapped)) = self.law_of(&owners, first, second) else {
+                    continue;
+                };
+                let (a, b) = match is_swapped {
+                    true => (second.collider, first.collider),
+                    false => (first.collider, second.collider),
+                };
+                (world.add_pair(a, b, law)).map_err(|e| format!("parameter contact: {e}"))?;
+            }
+        }
+        let labels = placed
+            .iter()
+            .map(|p| Label::new(p.solid.label.clone(), p.system));
+        let names = targets.iter().map(|target| target.name.clone());
+        Ok(Touching::new(world, labels.collect(), names.collect()))
+    }
+
+    /// Checks that the scenario's contacts mean something: there are shapes, and those that pairs name.
+    ///
+    /// # Errors
+    /// A line that names the parameter, with what there is.
+    pub fn check(&self, robot: &Model, targets: &[Target]) -> Result<(), String> {
+        let mut known: Vec<(Vec<String>, Vec<Solid>)> = vec![(
+            vec![ROBOT.to_owned(), robot.name().to_owned()],
+            self.robot.clone(),
+        )];
+        for target in targets {
+            let names = vec![target.name.clone(), target.body.model().name().to_owned()];
+            known.push((names, self.solids_of(target)?));
+        }
+        if known.iter().all(|(_, solids)| solids.is_empty()) {
+            return Err(
+                "parameter contact: neither the robot nor a target has <collision> elements, so that nothing can touch; add some to their descriptions"
+                    .to_owned(),
+            );
+        }
+        for pair in &self.params.pairs {
+            for name in &pair.names {
+                let is_known = |(owners, solids): &(Vec<String>, Vec<Solid>)| {
+                    let owners: Vec<&str> = owners.iter().map(String::as_str).collect();
+                    solids.iter().any(|s| precision(name, s, &owners) > 0)
+                };
+                if !known.iter().any(is_known) {
+                    let mut labels: Vec<&str> = (known.iter())
+                        .flat_map(|(_, solids)| solids.iter().map(|s| s.label.as_str()))
+                        .collect();
+                    labels.dedup();
+                    let [a, b] = &pair.names;
+                    return Err(format!(
+                        "parameter contact.pairs.{a}.{b}: '{name}' is no link, target or <collision> element that can touch; there are {}",
+                        labels.join(", ")
+                    ));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Shapes of a target. The links of its description have the names of its frames.
+    fn solids_of(&self, target: &Target) -> Result<Vec<Solid>, String> {
+        let meshes = match target.spawned {
+            true => Meshes::Below(&self.allowed),
+            false => Meshes::Anywhere(&self.params.packages),
+        };
+        let mut solids = read(&target.description, &target.source, &meshes)?;
+        let root = &target.body.model().bodies()[0].name;
+        for solid in &mut solids {
+            let link = solid.label.strip_prefix(&target.name);
+            solid.frame = match link.and_then(|rest| rest.strip_prefix('/')) {
+                Some(link) => link.to_owned(),
+                None => root.clone(),
+            };
+        }
+        Ok(solids)
+    }
+
+    /// Whether two shapes can touch at all.
+    fn may_touch(&self, robot: &Model, first: &Placed, second: &Placed) -> bool {
+        if first.system != second.system {
+            return true;
+        }
+        let (a, b) = (first.body, second.body);
+        let bodies = robot.bodies();
+        self.params.self_contact
+            && first.system == 0
+            && a != b
+            && bodies[a].parent != Some(b)
+            && bodies[b].parent != Some(a)
+    }
+
+    /// The law of a pair, and whether the second shape is the first one of the law; `None` if they do not touch.
+    fn law_of(
+        &self,
+        owners: &[Vec<&str>],
+        first: &Placed,
+        second: &Placed,
+    ) -> Option<(ContactLaw, bool)> {
+        let fits = |names: &[String; 2], a: &Placed, b: &Placed| {
+            let of = |name: &String, p: &Placed| precision(name, p.solid, &owners[p.system]);
+            let found = [of(&names[0], a), of(&names[1], b)];
+            (!found.contains(&0)).then(|| found.iter().sum::<u8>())
+        };
+        let mut best: Option<(u8, &ContactPairParams, bool)> = None;
+        for pair in &self.params.pairs {
+            let ways = [
+                (fits(&pair.names, first, second), false),
+                (fits(&pair.names, second, first), true),
+            ];
+            for (fit, is_swapped) in ways {
+                if let Some(fit) = fit
+                    && best.is_none_or(|(so_far, ..)| fit > so_far)
+                {
+                    best = Some((fit, pair, is_swapped));
+                }
+            }
+        }
+        match best {
+            None => Some((self.params.law, false)),
+            Some((_, pair, is_swapped)) => Some((pair.law?, is_swapped)),
+        }
+    }
+}
+
+/// How precisely `name` names a solid whose body has the names `owners`: 3 by its `<collision>` element, 2 by its link,
+/// 1 by its body; 0 if it does not.
+fn precision(name: &str, solid: &Solid, owners: &[&str]) -> u8 {
+    if solid.element.as_deref() == Some(name) {
+        3
+    } else if owners.contains(&name) {
+        1
+    } else if solid.label == name || solid.frame == name {
+        2
+    } else {
+        0
+    }
+}
+
+/// The shapes in the description `xml`, which `source` names in messages.
+fn read(xml: &str, source: &str, meshes: &Meshes) -> Result<Vec<Solid>, String> {
+    let elements = CollisionElement::all_from_urdf(xml, source).map_err(|e| e.to_string())?;
+    let solids = elements.into_iter().map(|element| {
+        let at = |e: String| format!("{source}: <collision> of link '{}': {e}", element.link);
+        let vertices = match &element.geometry {
+            CollisionGeometry::Mesh { filename, .. } => {
+                let found = match meshes {
+                    Meshes::Anywhere(packages) => Lookup {
+                        folder: Path::new(source).parent().map(Path::to_owned),
+                        packages: packages.to_vec(),
+                    }
+                    .resolve(filename.strip_prefix("file://").unwrap_or(filename)),
+                    Meshes::Below(allowed) => allowed.resolve(filename),
+                };
+                found.and_then(|f| mesh::vertices(&f)).map_err(at)?
+            }
+            _ => Vec::new(),
+        };
+        let shape = Shape::from_geometry(&element.geometry, &vertices);
+        Ok(Solid {
+            shape: shape.map_err(|e| at(e.to_string()))?,
+            frame: element.link.clone(),
+            label: element.link.clone(),
+            element: element.name.clone(),
+            X_LC: element.X_LC,
+        })
+    });
+    solids.collect()
+}

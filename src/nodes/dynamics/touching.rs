@@ -1,0 +1,220 @@
+//! Robot and targets that touch, stepped together.
+
+use std::collections::BTreeMap;
+
+use crate::dynamics::{
+    Floating, Forcing, Input, Momentum, State,
+    contact::{ColliderId, ContactPoint, ContactWorld},
+};
+
+/// The link of a collider.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Label {
+    /// What messages and events call it: a link of the robot, a target, or `TARGET/LINK`.
+    pub link: String,
+    /// The robot (0) or the target (its number from one).
+    pub system: usize,
+}
+
+impl Label {
+    /// The link called `link` of a system.
+    pub(super) fn new(link: String, system: usize) -> Self {
+        Self { link, system }
+    }
+}
+
+/// Two links begin or end to touch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinkEvent {
+    /// Time since the start of the step \[s\].
+    pub after: f64,
+    /// What, as a line.
+    pub what: String,
+}
+
+/// The robot and the targets as one system. The robot itself has the motion that it has here, so that drives, wrenches
+/// and sensors need not know.
+pub struct Touching {
+    world: ContactWorld,
+    /// Of each collider.
+    labels: Vec<Label>,
+    /// Names of the targets, which are the systems from 1 on.
+    targets: Vec<String>,
+    /// Points at which two links touch, by the first colliders of these links.
+    touched: BTreeMap<[usize; 2], usize>,
+    events: Vec<LinkEvent>,
+    /// Why the last step could not be taken.
+    failure: Option<String>,
+    input: Input,
+}
+
+impl Touching {
+    /// A world with the labels of its colliders and the names of its targets.
+    pub(super) fn new(world: ContactWorld, labels: Vec<Label>, targets: Vec<String>) -> Self {
+        Self {
+            input: Input::zero(world.systems()[0].model()),
+            world,
+            labels,
+            targets,
+            touched: BTreeMap::new(),
+            events: Vec::new(),
+            failure: None,
+        }
+    }
+
+    /// The contact world: the robot is system 0, the targets follow.
+    pub fn world(&self) -> &ContactWorld {
+        &self.world
+    }
+
+    /// The same, to check it.
+    pub(super) fn world_mut(&mut self) -> &mut ContactWorld {
+        &mut self.world
+    }
+
+    /// Whether its targets are called `names`.
+    pub(super) fn has_targets<'a>(&self, names: impl Iterator<Item = &'a str>) -> bool {
+        self.targets.iter().map(String::as_str).eq(names)
+    }
+
+    /// The link of a collider.
+    pub fn label(&self, collider: ColliderId) -> &Label {
+        &self.labels[collider.index()]
+    }
+
+    /// The points at which bodies touch and press on each other now.
+    pub fn points(&self) -> impl Iterator<Item = ContactPoint> + '_ {
+        self.world.contacts()
+    }
+
+    /// Takes over the state of system `i`, if it was changed from outside.
+    pub(super) fn follow(&mut self, i: usize, body: &Floating) {
+        if self.world.systems()[i].state() != body.state() {
+            // Contacts that go on are found again.
+            self.touched.clear();
+            self.world.replace_state(i, body.state());
+        }
+    }
+
+    /// Advances everything by `dt` \[s\] under the held input of the robot.
+    pub(super) fn step(&mut self, robot: &mut Floating, dt: f64) {
+        self.follow(0, robot);
+        self.world.input_mut(0).copy_from(robot.input());
+        let start = robot.state().time;
+        let stepped = self.world.step(dt);
+        self.finish(stepped.map_err(|e| e.to_string()), start, robot);
+    }
+
+    /// The same under the input that `forcing` makes of the held one at every stage.
+    pub(super) fn step_with(&mut self, robot: &mut Floating, dt: f64, forcing: &mut impl Forcing) {
+        self.follow(0, robot);
+        self.world.input_mut(0).copy_from(robot.input());
+        let start = robot.state().time;
+        let mut forces = |time: f64, state: &State, input: &mut Input| {
+            forcing.apply(time, state, input);
+        };
+        let stepped = self.world.step_with(dt, 0, &mut forces);
+        self.finish(stepped.map_err(|e| e.to_string()), start, robot);
+        robot.input_mut().copy_from(self.world.systems()[0].input());
+    }
+
+    /// Shows what a step from `start` \[s\] has done.
+    fn finish(&mut self, stepped: Result<(), String>, start: f64, robot: &mut Floating) {
+        if let Err(e) = stepped {
+            self.failure = Some(e);
+            return;
+        }
+        self.world.show(0, robot);
+        let events: Vec<_> = self.world.take_events().collect();
+        for event in &events {
+            let links = event.colliders.map(|c| self.first_of_link(c));
+            let count = self.touched.entry(links).or_default();
+            let was = *count;
+            *count = match event.begins {
+                true => was + 1,
+                false => was.saturating_sub(1),
+            };
+            let verb = match (was, *count) {
+                (0, 1) => "begins",
+                (1, 0) => "ends",
+                _ => continue,
+            };
+            let [a, b] = links.map(|k| self.labels[k].link.as_str());
+            self.events.push(LinkEvent {
+                after: event.time - start,
+                what: format!("contact of {a} and {b} {verb}"),
+            });
+        }
+    }
+
+    /// The first collider on the link of a collider.
+    fn first_of_link(&self, collider: ColliderId) -> usize {
+        let label = &self.labels[collider.index()];
+        let first = self.labels.iter().position(|other| other == label);
+        first.unwrap_or(collider.index())
+    }
+
+    /// What has begun or ended since the last call.
+    pub(super) fn take_events(&mut self) -> std::vec::Drain<'_, LinkEvent> {
+        self.events.drain(..)
+    }
+
+    /// Why a step could not be taken, once.
+    pub(super) fn take_failure(&mut self) -> Option<String> {
+        self.failure.take()
+    }
+
+    /// Pairs of links that touch now, by name.
+    pub(super) fn touching_links(&self) -> Vec<[String; 2]> {
+        let of = |point: ContactPoint| point.colliders.map(|c| self.label(c).link.clone());
+        self.points().map(of).collect()
+    }
+
+    /// All pairs of links but those of the robot with the target called `held`.
+    pub(super) fn overlaps_without(&self, held: &str) -> Vec<[String; 2]> {
+        let held = self.targets.iter().position(|name| name == held);
+        let held = held.map(|i| i + 1);
+        let mut pairs = Vec::new();
+        for (k, a) in self.labels.iter().enumerate() {
+            for b in &self.labels[k + 1..] {
+                let is_held = (a.system == 0 && Some(b.system) == held)
+                    || (b.system == 0 && Some(a.system) == held);
+                if !is_held {
+                    pairs.push([a.link.clone(), b.link.clone()]);
+                }
+            }
+        }
+        pairs
+    }
+
+    /// Shapes that overlap do not act on each other before they have been apart, unless their links are among
+    /// `touching`.
+    pub(super) fn suspend_overlaps(&mut self, touching: &[[String; 2]]) {
+        let Self { world, labels, .. } = self;
+        world.suspend_overlaps(|colliders| {
+            let links = colliders.map(|c| labels[c.index()].link.as_str());
+            !touching.iter().any(|known| {
+                let known = [known[0].as_str(), known[1].as_str()];
+                known == links || known == [links[1], links[0]]
+            })
+        });
+    }
+
+    /// Computes the accelerations of the robot's frames under what acts now, contacts included.
+    pub(super) fn set_accelerations(&mut self, robot: &mut Floating) {
+        if self.world.systems()[0].state() != robot.state() {
+            // Contacts of another state.
+            robot.accelerations();
+            return;
+        }
+        self.input.copy_from(robot.input());
+        self.world.add_wrenches(0, robot.input_mut());
+        robot.accelerations();
+        robot.input_mut().copy_from(&self.input);
+    }
+
+    /// Momentum of everything, angular about the common centre of mass.
+    pub(super) fn momentum(&self) -> Momentum {
+        self.world.momentum()
+    }
+}

@@ -1,0 +1,215 @@
+//! Contact in the world: when bodies are stepped together, what has happened between them, and its energy.
+
+use super::super::{
+    contacts::Contacts, params::DynamicsParams, robot::Robot, target::Target, touching::Touching,
+};
+use super::{GraspEvent, World};
+use crate::dynamics::contact::ContactPoint;
+
+/// Most events that are kept.
+const MOST_EVENTS: usize = 10_000;
+
+/// The contacts of a world, and what they have done.
+pub(super) struct WorldContacts {
+    contacts: Contacts,
+    events: Vec<GraspEvent>,
+    /// Why contacts could not be simulated.
+    failure: Option<String>,
+    /// What contacts dissipated before the bodies changed \[J\].
+    dissipated_before: f64,
+    /// The targets with which contacts could not be set up.
+    refused: Option<Vec<String>>,
+}
+
+/// A point at which two links touch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinkContact<'a> {
+    /// The links: of the robot, a target, or `TARGET/LINK`.
+    pub links: [&'a str; 2],
+    /// Where, how deep, and with which force on the first.
+    pub point: ContactPoint,
+}
+
+impl WorldContacts {
+    /// The contacts that the parameters describe; `None` if there are none.
+    ///
+    /// # Errors
+    /// A line that names a parameter or a description.
+    pub fn new(
+        params: &DynamicsParams,
+        robot: &Robot,
+        targets: &[Target],
+    ) -> Result<Option<Self>, String> {
+        let Some(of_contact) = &params.contact else {
+            return Ok(None);
+        };
+        let model = robot.model();
+        let allowed = &params.resource_folders;
+        let contacts = Contacts::new(of_contact, params.time_step, &params.robot, model, allowed)?;
+        contacts.check(model, targets)?;
+        Ok(Some(Self {
+            contacts,
+            events: Vec::new(),
+            failure: None,
+            dissipated_before: 0.0,
+            refused: None,
+        }))
+    }
+
+    fn note(&mut self, time: f64, what: String) {
+        if self.events.len() < MOST_EVENTS {
+            self.events.push(GraspEvent { time, what });
+        }
+    }
+}
+
+impl World {
+    /// Whether bodies with `<collision>` elements touch.
+    pub fn has_contact(&self) -> bool {
+        self.contacts.is_some()
+    }
+
+    /// The links that have begun or ended to touch, oldest first.
+    pub fn contact_events(&self) -> &[GraspEvent] {
+        self.contacts.as_ref().map_or(&[], |c| &c.events)
+    }
+
+    /// The points at which links touch now.
+    pub fn contact_points(&self) -> impl Iterator<Item = LinkContact<'_>> {
+        let touching = self.robot.touching().into_iter();
+        touching.flat_map(|touching| {
+            touching.points().map(|point| LinkContact {
+                links: point.colliders.map(|c| touching.label(c).link.as_str()),
+                point,
+            })
+        })
+    }
+
+    /// Energy that contacts store now, and that they have dissipated \[J\]; `None` without contact.
+    pub fn contact_energy(&self) -> Option<(f64, f64)> {
+        let contacts = self.contacts.as_ref()?;
+        let before = contacts.dissipated_before;
+        let stored = (self.robot.touching()).map_or(0.0, |t| t.world().stored_energy());
+        let own = (self.robot.contacts()).map_or(0.0, |t| t.world().dissipated_energy());
+        Some((stored, before + own))
+    }
+
+    /// Checks that contacts could be simulated so far.
+    ///
+    /// # Errors
+    /// A line with the time and the reason; once.
+    pub fn check_contacts(&mut self) -> Result<(), String> {
+        let failure = self.contacts.as_mut().and_then(|c| c.failure.take());
+        failure.map_or(Ok(()), Err)
+    }
+
+    /// Sets up contact at the start.
+    ///
+    /// # Errors
+    /// A line on shapes that cannot touch, or on bodies that overlap.
+    pub(super) fn begin_contact(&mut self) -> Result<(), String> {
+        let Some(contacts) = &self.contacts else {
+            return Ok(());
+        };
+        let held = self.held_target().map(str::to_owned);
+        let Some(robot) = self.robot.rigid() else {
+            return Ok(());
+        };
+        let mut touching = contacts.contacts.build(robot, &self.targets)?;
+        if let Some(held) = held {
+            // What is held at the start may overlap with the hand.
+            let apart = touching.overlaps_without(&held);
+            touching.suspend_overlaps(&apart);
+        }
+        let found = touching.world_mut().check_apart();
+        found.map_err(|e| format!("parameter contact: {e}"))?;
+        self.set_touching(Some(touching));
+        Ok(())
+    }
+
+    fn set_touching(&mut self, touching: Option<Touching>) {
+        if let Some(robot) = self.robot.rigid_mut() {
+            robot.set_touching(touching);
+        }
+    }
+
+    /// Before a step: takes over what was changed from outside since the last one.
+    pub(super) fn prepare_contact(&mut self) {
+        let Some(contacts) = &mut self.contacts else {
+            return;
+        };
+        let Some(robot) = self.robot.rigid_mut() else {
+            return;
+        };
+        let names = self.targets.iter().map(|target| target.name.as_str());
+        let is_current = (robot.touching()).is_some_and(|touching| touching.has_targets(names));
+        let is_refused = contacts.refused.as_ref().is_some_and(|refused| {
+            let names = self.targets.iter().map(|target| target.name.as_str());
+            refused.iter().map(String::as_str).eq(names)
+        });
+        if !is_current && !is_refused {
+            contacts.refused = None;
+            let mut known = Vec::new();
+            if let Some(touching) = robot.touching() {
+                contacts.dissipated_before += touching.world().dissipated_energy();
+                known = touching.touching_links();
+            }
+            match contacts.contacts.build(robot.own(), &self.targets) {
+                Ok(mut touching) => {
+                    touching.suspend_overlaps(&known);
+                    robot.set_touching(Some(touching));
+                }
+                Err(problem) => {
+                    let names = self.targets.iter().map(|target| target.name.clone());
+                    contacts.refused = Some(names.collect());
+                    contacts.failure = Some(problem);
+                    robot.set_touching(None);
+                }
+            }
+        }
+        if robot.held().is_some() {
+            return;
+        }
+        if let Some(touching) = robot.touching_mut() {
+            for (i, target) in self.targets.iter_mut().enumerate() {
+                touching.follow(i + 1, &target.body);
+                target.save();
+            }
+        }
+    }
+
+    /// Whether target `i` is stepped with the robot.
+    pub(super) fn is_stepped_with_robot(&self, i: usize) -> bool {
+        self.held_target() == Some(self.targets[i].name.as_str()) || self.robot.touching().is_some()
+    }
+
+    /// After a step of the robot that began at `time` \[s\]: targets that it may touch move with it.
+    pub(super) fn finish_contact(&mut self, time: f64) {
+        let (Some(contacts), Some(robot)) = (&mut self.contacts, self.robot.rigid_mut()) else {
+            return;
+        };
+        if robot.stepped_with().is_none() {
+            return;
+        }
+        let Some(touching) = robot.touching_mut() else {
+            return;
+        };
+        for (i, target) in self.targets.iter_mut().enumerate() {
+            touching.world().show(i + 1, &mut target.body);
+        }
+        let events: Vec<_> = touching.take_events().collect();
+        for event in events {
+            contacts.note(time + event.after, event.what);
+        }
+        if let Some(failure) = touching.take_failure() {
+            contacts.failure = Some(failure);
+        }
+    }
+
+    /// Contacts begin again, at the start.
+    pub(super) fn reset_contact(&mut self) {
+        if let Some(contacts) = &mut self.contacts {
+            contacts.failure = None;
+        }
+    }
+}

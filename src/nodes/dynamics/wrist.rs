@@ -1,0 +1,253 @@
+//! The force and torque sensor in a joint: what the part of the robot beyond it exerts on the rest.
+
+use nalgebra::Vector3;
+use rand::{RngExt, SeedableRng, rngs::StdRng};
+use rand_distr::StandardNormal;
+
+use super::{messages::header, robot::Robot, world::World};
+use crate::{
+    dynamics::Input,
+    model::{Frame, Model},
+    msg::geometry_msgs,
+    nodes::{geometry::vector_to_msg, placement::declare_vector},
+    ros::{Declare, Time},
+    spatial::{Pose, Wrench},
+};
+
+/// Where the sensor is, and its errors.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct WristParams {
+    /// The joint that it is in; empty if there is no sensor.
+    pub joint: String,
+    /// Link with the sensor's axes, and with its centre at the origin; empty is the link that the joint moves.
+    pub frame: String,
+    /// Standard deviation of each component of force \[N\] and torque \[N m\].
+    pub noise: (f64, f64),
+    /// Bias of force \[N\] and torque \[N m\].
+    pub bias: (Vector3<f64>, Vector3<f64>),
+    /// Seed of the noise.
+    pub seed: u64,
+}
+
+impl WristParams {
+    /// Declares the parameters and reads them.
+    pub fn declare(declare: &mut Declare) -> Self {
+        let mut text = |name: &str, description: &str| -> String {
+            let parameter = declare.param(name, "", description);
+            parameter.read_only().value()
+        };
+        let joint = text(
+            "wrist.joint",
+            "Joint with a force and torque sensor: it measures what the links beyond exert on the rest; empty is no sensor",
+        );
+        let frame = text(
+            "wrist.frame",
+            "Link with the sensor's axes and its centre at the origin; empty is the link that the joint moves",
+        );
+        let mut noise = |name: &str, text: &str| {
+            let parameter = declare.param(name, 0.0, text).range(0.0, 1e6);
+            parameter.read_only().value()
+        };
+        let force = noise(
+            "wrist.force_noise",
+            "Standard deviation of each component of the measured force [N]",
+        );
+        let torque = noise(
+            "wrist.torque_noise",
+            "Standard deviation of each component of the measured torque [N m]",
+        );
+        Self {
+            joint,
+            frame,
+            noise: (force, torque),
+            bias: (
+                declare_vector(
+                    declare,
+                    "wrist.force_bias",
+                    "Bias of the measured force [N]",
+                ),
+                declare_vector(
+                    declare,
+                    "wrist.torque_bias",
+                    "Bias of the measured torque [N m]",
+                ),
+            ),
+            seed: (declare.param("wrist.seed", 1, "Seed of the measurement noise"))
+                .read_only()
+                .value()
+                .unsigned_abs(),
+        }
+    }
+}
+
+/// The sensor in its robot.
+pub(super) struct Wrist {
+    params: WristParams,
+    /// First body beyond the joint; its subtree is what the sensor carries.
+    body: usize,
+    frame: Frame,
+    /// Frames of all bodies.
+    bodies: Vec<Frame>,
+    /// Wrenches on the bodies.
+    input: Input,
+}
+
+impl Wrist {
+    /// The sensor that the parameters describe; `None` without one.
+    ///
+    /// # Errors
+    /// A line that names the parameter and lists what there is.
+    pub fn new(params: &WristParams, robot: &Robot) -> Result<Option<Self>, String> {
+        if params.joint.is_empty() {
+            return Ok(None);
+        }
+        let Some(floating) = robot.rigid() else {
+            return Err(
+                "parameter wrist.joint: a robot with appendages, elastic joints, wheels or thrusters has no force and torque sensor yet; leave it empty"
+                    .to_owned(),
+            );
+        };
+        let model = floating.model();
+        let joint = model
+            .tree_joints()
+            .position(|joint| joint.name == params.joint);
+        let body = joint.map(|k| k + 1).ok_or_else(|| {
+            let names: Vec<_> = model.tree_joints().map(|j| j.name.as_str()).collect();
+            format!(
+                "parameter wrist.joint is '{}', which is no joint of the robot that moves; it has {}",
+                params.joint,
+                names.join(", ")
+            )
+        })?;
+        let name = match params.frame.as_str() {
+            "" => model.bodies()[body].name.as_str(),
+            name => name,
+        };
+        let frame = model.frame(name).ok_or_else(|| {
+            let names: Vec<_> = model.frames().iter().map(|f| f.name.as_str()).collect();
+            format!(
+                "parameter wrist.frame is '{name}', which is no link of the robot; it has {}",
+                names.join(", ")
+            )
+        })?;
+        Ok(Some(Self {
+            body,
+            frame: frame.clone(),
+            bodies: (model.bodies().iter().enumerate())
+                .map(|(body, of_body)| Frame {
+                    name: of_body.name.clone(),
+                    body,
+                    parent: None,
+                    X_BF: Pose::identity(),
+                })
+                .collect(),
+            input: Input::zero(model),
+            params: params.clone(),
+        }))
+    }
+
+    /// Name of the link that the wrench is given in.
+    pub fn frame(&self) -> &str {
+        &self.frame.name
+    }
+
+    /// What the links beyond the joint exert on the rest, about the centre of the sensor in its axes (needs
+    /// [`Robot::set_accelerations`]). It follows from the motion of the rest, whatever the links beyond hold:
+    /// the momentum that the rest gains, and no other force on it gives.
+    fn wrench(&mut self, robot: &Robot) -> Wrench {
+        let Some(floating) = robot.rigid() else {
+            return Wrench::ZERO;
+        };
+        let model: &Model = floating.model();
+        self.input.copy_from(floating.input());
+        if let Some(touching) = robot.touching() {
+            touching.world().add_wrenches(0, &mut self.input);
+        }
+        let beyond = self.body..model.bodies()[self.body].subtree_end;
+        let mut total_B = Wrench::ZERO;
+        for (b, body) in model.bodies().iter().enumerate() {
+            if beyond.contains(&b) {
+                continue;
+            }
+            let frame = &self.bodies[b];
+            let (X, V, A) = (robot.X_BF(frame), robot.V_WF_B(frame), robot.A_WF_B(frame));
+            let inertia = &body.inertia;
+            let (w, alpha) = (V.angular, A.angular);
+            let arm = X.rotation * inertia.com;
+            let force = inertia.mass * (A.linear + alpha.cross(&arm) + w.cross(&w.cross(&arm)));
+            let I = X.rotation * inertia.about_com * X.rotation.inverse();
+            let torque = I * alpha + w.cross(&(I * w));
+            let p_com = X.translation.vector + arm;
+            total_B += Wrench::new(torque + p_com.cross(&force), force);
+            total_B += self.input.wrenches[b].shifted_to_parent(&X) * -1.0;
+        }
+        let X_BS = robot.X_BF(&self.frame);
+        let torque = total_B.torque - X_BS.translation.vector.cross(&total_B.force);
+        Wrench::new(
+            X_BS.rotation.inverse_transform_vector(&torque),
+            X_BS.rotation.inverse_transform_vector(&total_B.force),
+        )
+    }
+
+    /// The same with bias and noise of the state with this number: a state that is published twice has one measurement.
+    fn measure(&mut self, robot: &Robot, tick: u64) -> Wrench {
+        let truth = self.wrench(robot);
+        let params = &self.params;
+        // Other numbers than those of the inertial measurement unit.
+        let mut random = StdRng::seed_from_u64(params.seed.rotate_left(16) ^ tick ^ 0x5749_5354);
+        let mut noise = |deviation: f64| {
+            let mut normal = || random.sample::<f64, _>(StandardNormal);
+            Vector3::new(normal(), normal(), normal()) * deviation
+        };
+        let force = truth.force + params.bias.0 + noise(params.noise.0);
+        let torque = truth.torque + params.bias.1 + noise(params.noise.1);
+        Wrench::new(torque, force)
+    }
+}
+
+impl World {
+    /// What the force and torque sensor measures now, in its link's axes; `None` without one.
+    pub fn wrist_wrench(&mut self) -> Option<Wrench> {
+        let mut wrist = self.wrist.take()?;
+        let tick = self.ticks();
+        let measured = self.under_excitations(|robot| {
+            robot.set_accelerations();
+            wrist.measure(robot, tick)
+        });
+        self.wrist = Some(wrist);
+        Some(measured)
+    }
+
+    /// Name of the link of the force and torque sensor; `None` without one.
+    pub fn wrist_frame(&self) -> Option<&str> {
+        self.wrist.as_ref().map(Wrist::frame)
+    }
+}
+
+/// The sensor's measurement as a message; `None` without a sensor.
+pub fn wrist_message(stamp: Time, world: &mut World) -> Option<geometry_msgs::WrenchStamped> {
+    let mut message = blank_wrist_message(world)?;
+    update_wrist_message(&mut message, stamp, world);
+    Some(message)
+}
+
+/// A message of the sensor, to be updated; `None` without one.
+pub(super) fn blank_wrist_message(world: &World) -> Option<geometry_msgs::WrenchStamped> {
+    Some(geometry_msgs::WrenchStamped {
+        header: header(Time::ZERO, world.wrist_frame()?),
+        ..geometry_msgs::WrenchStamped::default()
+    })
+}
+
+/// Updates a message of [`blank_wrist_message`].
+pub(super) fn update_wrist_message(
+    message: &mut geometry_msgs::WrenchStamped,
+    stamp: Time,
+    world: &mut World,
+) {
+    if let Some(wrench) = world.wrist_wrench() {
+        message.header.stamp = stamp.into();
+        message.wrench.force = vector_to_msg(&wrench.force);
+        message.wrench.torque = vector_to_msg(&wrench.torque);
+    }
+}
