@@ -1,0 +1,231 @@
+//! A run of a scenario without DDS, from its first state to its last: what `fuyu simulate` and the runs of a campaign do.
+
+use std::{collections::BTreeMap, path::Path};
+
+use serde::Serialize;
+
+use super::{Event, EventWatch, FinalState, Fleet, Performance, Recorded, SimulatedBag, Summary};
+use crate::{
+    bag::BagError,
+    control::ConvergenceFailure,
+    nodes::{dynamics::World, scenario::Scenario},
+};
+
+/// Simulated time of a scenario that states none \[s\].
+const DEFAULT_DURATION: f64 = 60.0;
+
+/// What is observed of a robot's run.
+pub struct Observed {
+    /// Its figures.
+    pub performance: Performance,
+    /// Its events.
+    pub events: EventWatch,
+    /// Since when \[s\] and why its tip does not converge, if it does not at the end.
+    pub trouble: Option<(f64, ConvergenceFailure)>,
+}
+
+/// Reasons for ending a simulation early.
+#[derive(Debug)]
+pub enum Stop {
+    /// The motion cannot go on: a line that says why.
+    Physics(String),
+    /// The bag cannot be written.
+    Bag(BagError),
+    /// Who watches the simulation has ended it: a line that says why.
+    Watcher(String),
+}
+
+impl Stop {
+    /// A line for the user.
+    pub fn describe(&self, scenario: &Scenario) -> String {
+        match self {
+            Self::Physics(problem) => format!("{}: {problem}", scenario.path().display()),
+            Self::Bag(problem) => problem.to_string(),
+            Self::Watcher(problem) => problem.clone(),
+        }
+    }
+}
+
+impl From<String> for Stop {
+    fn from(problem: String) -> Self {
+        Self::Physics(problem)
+    }
+}
+
+impl From<BagError> for Stop {
+    fn from(problem: BagError) -> Self {
+        Self::Bag(problem)
+    }
+}
+
+/// What `fuyu simulate --json` prints of a robot.
+#[derive(Serialize)]
+struct Report<'a> {
+    #[serde(flatten)]
+    summary: &'a Summary,
+    r#final: FinalState,
+    events: &'a [Event],
+}
+
+impl<'a> Report<'a> {
+    fn new(world: &World, summary: &'a Summary, events: &'a EventWatch) -> Self {
+        Self {
+            summary,
+            r#final: FinalState::of(world),
+            events: events.events(),
+        }
+    }
+}
+
+/// What `fuyu simulate --json` prints of several robots.
+#[derive(Serialize)]
+struct Reports<'a> {
+    /// By namespace.
+    robots: BTreeMap<&'a str, Report<'a>>,
+}
+
+/// Simulated time: the given one, or the scenario's \[s\].
+pub fn duration_of(fleet: &Fleet, given: Option<f64>) -> f64 {
+    let own = Some(fleet.duration()).filter(|duration| *duration > 0.0);
+    given.or(own).unwrap_or(DEFAULT_DURATION)
+}
+
+/// Creates the bag of a run in a new folder.
+///
+/// # Errors
+/// A line that names the parameter or the folder.
+pub fn create_bag(
+    scenario: &Scenario,
+    fleet: &Fleet,
+    folder: &Path,
+) -> Result<SimulatedBag, String> {
+    let descriptions = fleet.robots().map(|(namespace, _)| {
+        let robot = scenario.of_robot(namespace).dynamics();
+        robot.map(|dynamics| dynamics.robot.xml)
+    });
+    let descriptions: Vec<_> = descriptions.collect::<Result<_, _>>()?;
+    let robots = fleet.robots().zip(&descriptions);
+    let robots = robots.map(|((namespace, run), description)| Recorded {
+        namespace,
+        run,
+        description,
+    });
+    let bag = SimulatedBag::create(folder, &robots.collect::<Vec<_>>());
+    bag.map_err(|e| e.to_string())
+}
+
+/// Simulates up to `duration` \[s\], the last state included. `watch` sees every state after it was answered.
+///
+/// # Errors
+/// Why it ended early.
+pub fn simulate(
+    fleet: &mut Fleet,
+    duration: f64,
+    mut bag: Option<&mut SimulatedBag>,
+    mut watch: impl FnMut(&Fleet, &[Observed]) -> Result<(), Stop>,
+) -> Result<Vec<Observed>, Stop> {
+    let observed = fleet.robots().map(|(_, closed_loop)| Observed {
+        performance: Performance::new(&closed_loop.world),
+        events: EventWatch::default(),
+        trouble: None,
+    });
+    let mut observed: Vec<_> = observed.collect();
+    let mut frames = Vec::new();
+    loop {
+        let time = fleet.time();
+        if let Some(bag) = bag.as_deref_mut() {
+            bag.time(time)?;
+        }
+        for (i, seen) in observed.iter_mut().enumerate() {
+            let Observed {
+                performance,
+                events,
+                trouble,
+            } = seen;
+            let closed_loop = fleet.robot(i);
+            if let Some(bag) = bag.as_deref_mut() {
+                bag.state(i, &mut closed_loop.world)?;
+            }
+            let answered = closed_loop.answer::<Stop>(&mut frames, |world, moment| {
+                performance.see(world, moment);
+                events.see(world);
+                *trouble = moment.trouble().map(|now| {
+                    let since = trouble.map_or(time, |(since, _)| since);
+                    (since, now)
+                });
+                match bag.as_deref_mut() {
+                    Some(bag) => Ok(bag.moment(i, time, moment)?),
+                    None => Ok(()),
+                }
+            });
+            answered.map_err(|stop| match stop {
+                Stop::Physics(problem) => Stop::Physics(fleet.of_robot(i, &problem)),
+                stop => stop,
+            })?;
+        }
+        watch(fleet, &observed)?;
+        if time >= duration - 1e-9 {
+            return Ok(observed);
+        }
+        fleet.advance()?;
+    }
+}
+
+/// The figures of each robot. `wall_time` is the time that the run took \[s\].
+pub fn summaries(fleet: &Fleet, observed: &[Observed], wall_time: f64) -> Vec<Summary> {
+    let of_robots = fleet.robots().zip(observed);
+    let of_robots = of_robots.map(|((_, closed_loop), observed)| {
+        (observed.performance).summary(&closed_loop.world, wall_time)
+    });
+    of_robots.collect()
+}
+
+/// One object of a robot, or one with the robots by namespace if there are several.
+///
+/// # Errors
+/// None with the types that there are; serde's in general.
+pub fn results(
+    fleet: &Fleet,
+    observed: &[Observed],
+    summaries: &[Summary],
+) -> Result<serde_json::Value, serde_json::Error> {
+    with_reports(fleet, observed, summaries, |reports| {
+        match reports.robots.len() {
+            1 => serde_json::to_value(reports.robots.values().next()),
+            _ => serde_json::to_value(reports),
+        }
+    })
+}
+
+/// The same as text, in the order of the types' fields.
+///
+/// # Errors
+/// As [`results`].
+pub fn results_text(
+    fleet: &Fleet,
+    observed: &[Observed],
+    summaries: &[Summary],
+) -> Result<String, serde_json::Error> {
+    with_reports(fleet, observed, summaries, |reports| {
+        match reports.robots.len() {
+            1 => serde_json::to_string(&reports.robots.values().next()),
+            _ => serde_json::to_string(reports),
+        }
+    })
+}
+
+fn with_reports<T>(
+    fleet: &Fleet,
+    observed: &[Observed],
+    summaries: &[Summary],
+    use_them: impl FnOnce(&Reports<'_>) -> T,
+) -> T {
+    let runs = fleet.robots().zip(summaries).zip(observed);
+    let robots = runs.map(|(((namespace, closed_loop), summary), observed)| {
+        let report = Report::new(&closed_loop.world, summary, &observed.events);
+        (namespace, report)
+    });
+    use_them(&Reports {
+        robots: robots.collect(),
+    })
+}
