@@ -32,7 +32,7 @@ soak *SECONDS:
 format:
     cargo fmt --all
 
-# one or more steps of CI: fmt, lint, doc, msrv, test, slow, fuzz, colcon, embed, bench
+# one or more steps of CI: fmt, lint, doc, msrv, test, slow, fuzz, colcon, embed, bench, python
 step +STEPS:
     .ci/run {{STEPS}}
 
@@ -57,6 +57,9 @@ fuzz SECONDS="120":
 
 # both packages as a colcon workspace builds them
 colcon: (step "colcon")
+
+# the wheel of the Python package, and its tests
+python: (step "python")
 
 # all steps of CI
 ci:
