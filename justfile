@@ -36,7 +36,7 @@ cockpit:
 format:
     cargo fmt --all
 
-# one or more steps of CI: fmt, lint, doc, msrv, test, slow, fuzz, cockpit, colcon, embed, bench
+# one or more steps of CI: fmt, lint, doc, msrv, test, slow, fuzz, cockpit, colcon, embed, bench, python
 step +STEPS:
     .ci/run {{STEPS}}
 
@@ -61,6 +61,9 @@ fuzz SECONDS="120":
 
 # both packages as a colcon workspace builds them
 colcon: (step "colcon")
+
+# the wheel of the Python package, and its tests
+python: (step "python")
 
 # all steps of CI
 ci:

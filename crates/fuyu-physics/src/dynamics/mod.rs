@@ -77,13 +77,14 @@ mod scratch_memory;
 #[cfg(test)]
 mod simd_equivalence;
 mod state;
+mod state_row;
 mod tableau;
 mod vector_state;
 mod workspace;
 
 pub use articulated_body::ArticulatedBody;
 #[cfg(feature = "batch")]
-pub use batch::Batch;
+pub use batch::{Batch, EffortRows};
 pub use floating::Floating;
 pub use formulation::{
     Evaluation, Formulation, FormulationKind, ForwardDynamics, TreeAcceleration, TreeMotion,
@@ -97,6 +98,7 @@ pub use loops::{Direction, LoopClosure, LoopError, LoopGap, Loops};
 pub use reduced::Reduced;
 pub use runge_kutta::RungeKutta;
 pub use state::{Dissipated, Momentum, State};
+pub use state_row::{RowError, StateRow};
 pub use tableau::Tableau;
 pub use vector_state::VectorState;
 pub use workspace::Workspace;

@@ -3,6 +3,7 @@
 mod block;
 mod joints;
 mod lanes;
+mod rows;
 
 use std::any::Any;
 use std::sync::Arc;
@@ -13,6 +14,7 @@ use rayon::prelude::*;
 use self::block::{Block, put, read};
 use self::joints::JointScratch;
 use self::lanes::LaneStepper;
+pub use self::rows::EffortRows;
 use super::joint_physics::JointSteps;
 use super::kernel::{GROUP_SIZE, Tree};
 use super::{IntegrationMethod, JointPhysics, State, Tableau, checks};
@@ -342,6 +344,15 @@ struct Piece<'a> {
 }
 
 impl Piece<'_> {
+    fn reborrow(&mut self) -> Piece<'_> {
+        Piece {
+            setup: self.setup,
+            blocks: self.blocks,
+            scratch: self.scratch,
+            task: self.task,
+        }
+    }
+
     fn run(self, mut forced: Option<Forced>) {
         let arch = self.setup.arch;
         if self.setup.joints == JointSteps::Always

@@ -1,0 +1,187 @@
+"""Vectorised environments of the servicer: fuyu against Gymnasium's MuJoCo environments and mujoco.rollout, in one run.
+
+All simulate the same robot, a free base with six joints, with RK4 and steps of 10 ms, without contacts. The programs alternate, and the ratios
+are those of neighbours in time: medians of `--rounds` of them. MuJoCo computes more in a step than accelerations
+(sensors, constraints); the plant has none.
+
+    pip install "./python[gym]" mujoco
+    python python/benches/vector_env.py
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import time
+import xml.etree.ElementTree as ElementTree
+
+import gymnasium
+import mujoco
+import mujoco.rollout
+import numpy as np
+
+import fuyu
+import fuyu.gym
+
+DT = 0.01
+
+
+def mjcf(urdf: str) -> str:
+    """The robot for MuJoCo, with a free base; without visuals, contacts and gravity."""
+    robot = ElementTree.fromstring(urdf)
+    links = {link.get("name"): link for link in robot.findall("link")}
+    joints = robot.findall("joint")
+    children = {joint.find("child").get("link") for joint in joints}
+    root = next(name for name in links if name not in children)
+
+    def body(name: str, parent: ElementTree.Element, joint: ElementTree.Element | None) -> None:
+        element = ElementTree.SubElement(parent, "body", name=name)
+        if joint is None:
+            ElementTree.SubElement(element, "freejoint")
+        else:
+            origin = joint.find("origin")
+            if origin is not None:
+                element.set("pos", origin.get("xyz", "0 0 0"))
+                element.set("euler", origin.get("rpy", "0 0 0"))
+            if joint.get("type") != "fixed":
+                axis = joint.find("axis").get("xyz")
+                ElementTree.SubElement(element, "joint", name=joint.get("name"), axis=axis)
+        inertial = links[name].find("inertial")
+        if inertial is not None:
+            origin, inertia = inertial.find("origin"), inertial.find("inertia")
+            values = [inertia.get(k, "0") for k in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")]
+            ElementTree.SubElement(
+                element,
+                "inertial",
+                pos="0 0 0" if origin is None else origin.get("xyz", "0 0 0"),
+                mass=inertial.find("mass").get("value"),
+                fullinertia=" ".join(values),
+            )
+        for child in joints:
+            if child.find("parent").get("link") == name:
+                body(child.find("child").get("link"), element, child)
+
+    top = ElementTree.Element("mujoco")
+    # URDF's angles are about fixed axes.
+    ElementTree.SubElement(top, "compiler", angle="radian", eulerseq="XYZ")
+    option = ElementTree.SubElement(top, "option", timestep=str(DT), integrator="RK4", gravity="0 0 0")
+    ElementTree.SubElement(option, "flag", contact="disable", constraint="disable")
+    body(root, ElementTree.SubElement(top, "worldbody"), None)
+    actuator = ElementTree.SubElement(top, "actuator")
+    for joint in joints:
+        if joint.get("type") != "fixed":
+            ElementTree.SubElement(actuator, "motor", joint=joint.get("name"))
+    return ElementTree.tostring(top, encoding="unicode")
+
+
+def check(urdf: str, xml: str) -> float:
+    """Largest difference of the joint accelerations at random states, relative to the largest acceleration: the plants are the same."""
+    robot, model = fuyu.Model.from_urdf(urdf), mujoco.MjModel.from_xml_string(xml)
+    data, random, worst = mujoco.MjData(model), np.random.default_rng(1), 0.0
+    for _ in range(20):
+        q, qd, efforts = random.uniform(-2, 2, 6), random.normal(size=6), random.normal(size=6) * 20
+        state = fuyu.State(robot, q, qd)
+        data.qpos[:] = np.r_[0, 0, 0, 1, 0, 0, 0, q]
+        data.qvel[:] = np.r_[np.zeros(6), qd]
+        data.ctrl[:] = efforts
+        mujoco.mj_forward(model, data)
+        ours = robot.forward_dynamics(state, efforts)
+        worst = max(worst, abs(ours - data.qacc[6:]).max() / abs(ours).max())
+    return worst
+
+
+class MujocoServicer(gymnasium.Env):
+    """One servicer as a Gymnasium environment on MuJoCo: one step of 10 ms per action, joints and tip observed."""
+
+    def __init__(self, xml: str) -> None:
+        self.model = mujoco.MjModel.from_xml_string(xml)
+        self.data = mujoco.MjData(self.model)
+        self.tip = self.model.body("tool0").id
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (18,), np.float32)
+        self.action_space = gymnasium.spaces.Box(-1, 1, (6,), np.float32)
+
+    def _observe(self) -> np.ndarray:
+        data = self.data
+        tip = data.xpos[self.tip]
+        return np.concatenate([data.qpos[7:], data.qvel[6:], tip, data.cvel[self.tip][3:]]).astype(np.float32)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        mujoco.mj_resetData(self.model, self.data)
+        return self._observe(), {}
+
+    def step(self, action):
+        self.data.ctrl[:] = action
+        mujoco.mj_step(self.model, self.data)
+        return self._observe(), -float(np.linalg.norm(self.data.xpos[self.tip])), False, False, {}
+
+
+def timed(run, states: int) -> float:
+    """Steps per second of all states together."""
+    start = time.perf_counter()
+    run()
+    return states / (time.perf_counter() - start)
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--envs", type=int, default=4096)
+    options.add_argument("--rounds", type=int, default=5)
+    given = options.parse_args()
+    robot = fuyu.Model.from_urdf("package://fuyu/urdf/servicer.urdf")
+    xml = mjcf(robot.urdf)
+    print(f"plants agree to {check(robot.urdf, xml):.1e}; {os.cpu_count()} processors, {given.envs} servicers")
+    n, m = robot.dof, given.envs
+    actions = np.random.default_rng(2).uniform(-1, 1, (m, n))
+
+    # Raw steps: states and efforts in, states out.
+    batch = fuyu.Batch(robot, m, method="rk4")
+    model = mujoco.MjModel.from_xml_string(xml)
+    threads = [mujoco.MjData(model) for _ in range(os.cpu_count() or 1)]
+    data = mujoco.MjData(model)
+    size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    start = np.zeros(size)
+    mujoco.mj_getState(model, data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    starts, steps = np.tile(start, (m, 1)), 10
+    controls = np.repeat(actions[:, None, :], steps, axis=1)
+    roll = mujoco.rollout.Rollout(nthread=len(threads))
+
+    # Environments, with observations and rewards.
+    envs = fuyu.gym.ReachVectorEnv(m, episode_steps=10**9)
+    envs.reset(seed=1)
+    few = 16
+    peers = gymnasium.vector.SyncVectorEnv([lambda: MujocoServicer(xml)] * few)
+    peers.reset(seed=1)
+
+    def many(run, count):
+        return lambda: [run() for _ in range(count)]
+
+    programs = {
+        "fuyu.Batch, 1 step a call": (many(lambda: batch.step(DT, actions), 10), 10 * m),
+        "fuyu.Batch, 10 steps a call": (lambda: batch.step(DT, actions, steps=10), 10 * m),
+        "fuyu.gym, 1 step an action": (many(lambda: single.step(actions), 10), 10 * m),
+        "fuyu.gym, 10 steps an action": (many(lambda: envs.step(actions), 2), 20 * m),
+        "mujoco.rollout, all processors": (lambda: roll.rollout(model, threads, starts, controls), steps * m),
+        f"Gymnasium, {few} MuJoCo environments": (many(lambda: peers.step(actions[:few]), 100), 100 * few),
+    }
+    single = fuyu.gym.ReachVectorEnv(m, episode_steps=10**9, substeps=1)
+    single.reset(seed=1)
+    found: dict[str, list[float]] = {name: [] for name in programs}
+    for _ in range(given.rounds + 1):
+        for name, (run, states) in programs.items():
+            found[name].append(timed(run, states))
+    # The first round warms up.
+    found = {name: rates[1:] for name, rates in found.items()}
+    peers_names = [name for name in found if not name.startswith("fuyu")]
+    for name, rates in found.items():
+        line = f"{name:36} {statistics.median(rates):12,.0f} steps/s"
+        if name.startswith("fuyu"):
+            for peer in peers_names:
+                ratios = [a / b for a, b in zip(rates, found[peer])]
+                line += f"   {statistics.median(ratios):6.1f} x {peer.split(',')[0]}"
+        print(line)
+
+
+if __name__ == "__main__":
+    main()
