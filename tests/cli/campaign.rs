@@ -114,10 +114,17 @@ fn a_run_that_is_shown_repeats_to_the_bit() {
         let (_folder, scenario) = file("shown.yaml", &shown.stdout);
         let result = fuyu(&["simulate", scenario.to_str().unwrap(), "--json"]);
         // The text of JSON has the shortest digits that give the same number; reading it may lose the last bit.
-        for (name, cell) in ["tip_position_error", "max_tip_speed"].iter().zip(&row.results) {
+        for (name, cell) in ["tip_position_error", "max_tip_speed"]
+            .iter()
+            .zip(&row.results)
+        {
             let number = Value::from(cell.number().unwrap());
             let expected = format!("\"{name}\":{number},");
-            assert!(result.stdout.contains(&expected), "{expected} {}", result.stdout);
+            assert!(
+                result.stdout.contains(&expected),
+                "{expected} {}",
+                result.stdout
+            );
         }
     }
 }

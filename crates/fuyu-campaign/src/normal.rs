@@ -1,5 +1,8 @@
 //! The standard normal distribution.
 
+// Digits as published.
+#![allow(clippy::excessive_precision)]
+
 /// Probability of a standard normal variable to be below `x`.
 pub fn normal_cdf(x: f64) -> f64 {
     0.5 * libm::erfc(-x * std::f64::consts::FRAC_1_SQRT_2)

@@ -141,7 +141,11 @@ impl Dataset {
         } else if folder.exists() {
             // A killed process may have left a draft of campaign.json, nothing else.
             let is_draft = |entry: std::io::Result<fs::DirEntry>| {
-                entry.is_ok_and(|e| e.file_name().to_string_lossy().starts_with(".campaign.json."))
+                entry.is_ok_and(|e| {
+                    e.file_name()
+                        .to_string_lossy()
+                        .starts_with(".campaign.json.")
+                })
             };
             let is_empty = fs::read_dir(folder).map(|mut entries| entries.all(is_draft));
             match is_empty {

@@ -110,13 +110,25 @@ fn absolute(folder: Option<&Path>, value: &ParameterValue) -> ParameterValue {
     }
 }
 
-/// A JSON string, which is a YAML string too.
+/// A YAML string in double quotes: a JSON string without the characters that YAML does not print.
+fn string(text: &str) -> String {
+    let hidden =
+        |c: char| ('\u{7f}'..='\u{9f}').contains(&c) || ('\u{fffe}'..='\u{ffff}').contains(&c);
+    let json = serde_json::Value::from(text).to_string();
+    let escaped = |c: char| match hidden(c) {
+        true => format!("\\u{:04x}", u32::from(c)),
+        false => c.to_string(),
+    };
+    json.chars().map(escaped).collect()
+}
+
+/// A key: in quotes where it needs them.
 fn quoted(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "._".contains(c);
     if text.chars().all(plain) && text.starts_with(|c: char| c.is_ascii_alphabetic()) {
         return text.to_owned();
     }
-    serde_json::Value::from(text).to_string()
+    string(text)
 }
 
 /// The value in YAML, from which the same bits are read.
@@ -127,7 +139,7 @@ fn value_text(value: &ParameterValue) -> String {
         false if *x > 0.0 => ".inf".to_owned(),
         false => "-.inf".to_owned(),
     };
-    let text = |text: &String| serde_json::Value::from(text.as_str()).to_string();
+    let text = |text: &String| string(text);
     let list = |items: Vec<String>| format!("[{}]", items.join(", "));
     match value {
         ParameterValue::Double(x) => number(x),
