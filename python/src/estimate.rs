@@ -14,6 +14,9 @@ use pyo3::prelude::*;
 use crate::arrays::{Given, array, check_finite, shaped};
 use crate::error::{choose, finite, input, positive};
 
+/// One element and one row of numbers for each of several things.
+type Rows<'py, T> = (Bound<'py, PyArray1<T>>, Bound<'py, PyArray2<f64>>);
+
 /// The estimated motion of a body: a torque-free rotation in closed form.
 ///
 /// Attitudes and angular velocities are in the inertial axes I of the estimate: the camera's at the first of the `camera_rates`, or
@@ -219,11 +222,7 @@ impl MotionEstimate {
     /// Ids, shape (k,), and positions in body axes, shape (k, 3) [mean depth of the points], of the body's feature points; None for
     /// masutani1995.
     #[getter]
-    #[expect(clippy::type_complexity, reason = "a pair of arrays")]
-    fn points<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<Option<(Bound<'py, PyArray1<u64>>, Bound<'py, PyArray2<f64>>)>> {
+    fn points<'py>(&self, py: Python<'py>) -> PyResult<Option<Rows<'py, u64>>> {
         let Some(solution) = &self.estimated.solution else {
             return Ok(None);
         };
@@ -236,11 +235,7 @@ impl MotionEstimate {
 
     /// Angular velocities over time in I: times, shape (k,) [s], and values, shape (k, 3) [rad/s].
     #[getter]
-    #[expect(clippy::type_complexity, reason = "a pair of arrays")]
-    fn angular_velocities<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+    fn angular_velocities<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py, f64>> {
         let rates = &self.estimated.w_IB_I;
         let times: Vec<f64> = rates.iter().map(|(t, _)| *t).collect();
         let values: Vec<f64> = rates.iter().flat_map(|(_, w)| [w.x, w.y, w.z]).collect();

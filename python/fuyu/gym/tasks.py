@@ -64,7 +64,7 @@ def _scaled(urdf: str, factors: np.ndarray) -> str:
 
 
 class Task:
-    """`count` robots. An action is a rate for each joint, as a share of `max_rate`, to which the drives damp the joints."""
+    """`count` robots. An action is a rate for each joint, as a share of `max_rate`, to which the drives damp the joints every 10 ms."""
 
     #: Whether the goal moves.
     moving = False
@@ -96,8 +96,8 @@ class Task:
         self.model = Model.from_urdf(urdf)
         n = self.model.dof
         self.posture = POSTURE if n == len(POSTURE) else np.zeros(n)
-        # The gains that damp the sampled joints without overshoot, for the period of an action.
-        self.k_v = Controller(self.model, tip=tip, sample_period=self.period).gains["k_v"]
+        # The gains that damp the sampled joints without overshoot.
+        self.k_v = Controller(self.model, tip=tip, sample_period=TIME_STEP).gains["k_v"]
         self.batches: list[tuple[slice, Batch]] = []
         self.data = np.zeros((count, 2 * n + 19))
         self.data[:] = State(self.model, self.posture).to_row()
@@ -165,12 +165,14 @@ class Task:
     def advance(self, actions: np.ndarray) -> None:
         """One action of all environments."""
         qd = self.data[:, self.columns["qd"]]
-        np.multiply(np.clip(actions, -1.0, 1.0), self.max_rate, out=self.efforts)
-        self.efforts -= qd
-        self.efforts *= self.k_v
-        self.efforts *= self.scale
-        for rows, batch in self.batches:
-            batch.step(TIME_STEP, self.efforts[rows], steps=self.substeps)
+        rates = np.clip(actions, -1.0, 1.0) * self.max_rate
+        gains = self.k_v * self.scale
+        for _ in range(self.substeps):
+            # The drives' own loop: every step of the integration.
+            np.subtract(rates, qd, out=self.efforts)
+            self.efforts *= gains
+            for rows, batch in self.batches:
+                batch.step(TIME_STEP, self.efforts[rows])
         self.steps += 1
         self.move_goal()
         self.measure()
