@@ -30,7 +30,7 @@ use crate::{
     ros::{
         Declare, NodeName, ParameterValue, ParamsFile, RosArgs,
         args::ParameterSource,
-        names::{Remap, Target},
+        names::{self, Remap},
         params::{ParameterStore, USE_SIM_TIME},
     },
 };
@@ -126,7 +126,7 @@ impl Scenario {
         for topic in ["tf", "tf_static"] {
             self.args.remaps.push(Remap {
                 node: None,
-                target: Target::Name {
+                target: names::Target::Name {
                     from: format!("/{topic}"),
                     topics: true,
                     services: false,

@@ -17,7 +17,7 @@ pub fn read(path: impl AsRef<Path>) -> String {
 }
 
 /// Names of the packages of the workspace and their folders.
-pub const PACKAGES: [(&str, &str); 6] = [
+pub const PACKAGES: [(&str, &str); 7] = [
     ("fuyu", ""),
     ("fuyu-campaign", "crates/fuyu-campaign"),
     ("fuyu-lti", "crates/fuyu-lti"),
