@@ -135,7 +135,11 @@ impl Report {
         let solution = estimated.solution.as_ref();
         let scale = match (args.distance.or(args.range), solution) {
             (Some(known), Some(solution)) => {
-                let option = if args.distance.is_some() { "--distance" } else { "--range" };
+                let option = if args.distance.is_some() {
+                    "--distance"
+                } else {
+                    "--range"
+                };
                 let scale = solution.scale(&known);
                 Some(scale.map_err(|e| Failure::Input(format!("{option}: {e}")))?)
             }

@@ -90,7 +90,9 @@ impl Snapshot<'_> {
             vector_to_msg(&vector.unwrap_or_default())
         };
         let of_centre_spread = |from: usize| -> [f64; 9] {
-            let spread = centre.as_ref().map(|(c, _)| c.covariance.fixed_view::<3, 3>(from, from).into_owned());
+            let spread = centre
+                .as_ref()
+                .map(|(c, _)| c.covariance.fixed_view::<3, 3>(from, from).into_owned());
             // Symmetric, so that columns are rows.
             spread.map_or([0.0; 9], |m| std::array::from_fn(|k| m.as_slice()[k]))
         };
