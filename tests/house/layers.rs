@@ -76,7 +76,15 @@ const LAYERS: [(&str, &[Layer]); 6] = [
             ("shade", &["projection", "shadow"]),
             (
                 "render",
-                &["camera", "projection", "raster", "shade", "shadow", "stars"],
+                &[
+                    "camera",
+                    "earth",
+                    "projection",
+                    "raster",
+                    "shade",
+                    "shadow",
+                    "stars",
+                ],
             ),
         ],
     ),
