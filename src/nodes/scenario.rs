@@ -15,7 +15,7 @@ use super::{
         images::{Body, ImageParams, Imager, Stage, checked_shape},
     },
     controller::{ControllerParams, second_tip},
-    dynamics::{DynamicsParams, Target, World},
+    dynamics::{DynamicsParams, World},
     estimator::EstimatorParams,
     recorder::RecorderParams,
     resource,
@@ -57,9 +57,10 @@ fn check_images(
     let shape = checked_shape(&dynamics.robot.xml, "robot")?;
     let robot = Body::new(world.robot.model().clone(), &shape);
     Stage::new(images, robot, Vec::new())?;
-    let drawn = |target: &&Target| images.bodies.contains(&target.name);
-    for target in world.targets.iter().filter(drawn) {
-        checked_shape(&target.description, &target.name)?;
+    for target in &world.targets {
+        if images.bodies.contains(&target.name) {
+            checked_shape(&target.description, &target.name)?;
+        }
     }
     Ok(())
 }

@@ -80,7 +80,7 @@ fn images_in_a_bag_show_the_target_where_it_is() {
         // The arm is in the image, too, and the sky.
         let id = |wanted: u8| ids.data.chunks(2).filter(|id| id[0] == wanted).count();
         assert!(
-            id(0) > 1000 && id(1) > 1000 && id(2) > 1000,
+            id(0) > 1000 && id(1) > 1000 && id(2) > 500,
             "{} {} {}",
             id(0),
             id(1),

@@ -90,7 +90,15 @@ const LAYERS: [(&str, &[Layer]); 7] = [
             ("shade", &["projection", "shadow"]),
             (
                 "render",
-                &["camera", "projection", "raster", "shade", "shadow", "stars"],
+                &[
+                    "camera",
+                    "earth",
+                    "projection",
+                    "raster",
+                    "shade",
+                    "shadow",
+                    "stars",
+                ],
             ),
         ],
     ),

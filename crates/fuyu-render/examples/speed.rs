@@ -3,10 +3,13 @@
 //! `cargo run --release -p fuyu-render --example speed`
 
 use fuyu_render::{
-    Camera, Distortion, Instance, Intrinsics, Material, Mesh, MeshData, Motion, Renderer, Scene,
-    Sensor, Star, primitives,
+    Camera, Distortion, Earth, Instance, Intrinsics, Material, Mesh, MeshData, Motion, Renderer,
+    Scene, Sensor, Star, primitives,
 };
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+/// The case with the Earth behind the satellite.
+const EARTH: &str = "640 x 480, the Earth in view";
 
 /// A satellite of about 8,400 triangles: a body with many small parts, two panels, an antenna.
 fn satellite() -> Mesh {
@@ -70,6 +73,7 @@ fn main() {
     let pool = pool.expect("a thread can be started");
     for (name, size, focal_length, lens) in [
         ("640 x 480", (640, 480), 700.0, Distortion::None),
+        (EARTH, (640, 480), 700.0, Distortion::None),
         (
             "640 x 480, distorted",
             (640, 480),
@@ -80,10 +84,13 @@ fn main() {
     ] {
         let intrinsics = Intrinsics::centred(size.0, size.1, focal_length);
         let camera = Camera::new(intrinsics, lens, 1).expect("a valid camera");
+        scene.earth = (name == EARTH).then(|| Earth::at(Vector3::new(0.0, 1e6, 6.8e6)));
         let mut renderer = Renderer::default();
         let sensor = Sensor::default();
         let (mut drawn, mut exposed) = (Vec::new(), Vec::new());
         pool.install(|| {
+            // The first frame takes the memory.
+            renderer.render(&scene, &camera);
             for k in 0..60 {
                 scene.instances[0].motion = Motion::at_rest(pose(f64::from(k) * 0.1));
                 let start = processor_time();
@@ -94,11 +101,9 @@ fn main() {
                 exposed.push(processor_time() - middle);
             }
         });
-        let median = |times: &mut Vec<f64>| {
-            times.sort_by(f64::total_cmp);
-            times[times.len() / 2]
-        };
-        let (drawn, exposed) = (median(&mut drawn), median(&mut exposed));
+        // Clocks of some systems advance in steps of 4 ms.
+        let mean = |times: &[f64]| times.iter().sum::<f64>() / times.len() as f64;
+        let (drawn, exposed) = (mean(&drawn), mean(&exposed));
         println!(
             "{name}: {triangles} triangles, one thread: render {drawn:.1} ms, sensor with noise {exposed:.1} ms, sum {:.1} ms",
             drawn + exposed

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use crate::{
     Camera, Frame, Scene,
     camera::{Sample, TILE, TILE_PIXELS, Tile},
+    earth::EarthView,
     projection::{Placed, Projected, placed, project},
     raster::{NOTHING, Seen},
     shade::{Lights, Point},
@@ -34,6 +35,9 @@ struct View<'a> {
     X_WC: Isometry3<f64>,
     /// Its rotation.
     R_WC: Rotation3<f64>,
+    earth: Option<EarthView>,
+    /// The rotation in single precision, for what is far away.
+    sky_R_WC: Rotation3<f32>,
 }
 
 impl Renderer {
@@ -73,6 +77,9 @@ impl<'a> View<'a> {
             triangles,
             X_WC,
             R_WC: X_WC.rotation.to_rotation_matrix(),
+            sky_R_WC: X_WC.rotation.to_rotation_matrix().cast(),
+            earth: (scene.earth.as_ref())
+                .map(|earth| EarthView::new(earth, &X_WC.translation.vector, &scene.toward_sun())),
         }
     }
 
@@ -210,13 +217,11 @@ impl<'a> View<'a> {
     }
 
     fn background(&self, tile: &Tile, i: usize) -> [f32; 3] {
-        let Some(earth) = &self.scene.earth else {
+        let Some(earth) = &self.earth else {
             return [0.0; 3];
         };
-        let ray = Vector3::new(f64::from(tile.x[i]), f64::from(tile.y[i]), 1.0);
-        let d_W = self.R_WC * ray.normalize();
-        let toward_sun = self.scene.toward_sun();
-        let seen = earth.radiance(&self.X_WC.translation.vector, &d_W, &toward_sun);
+        let ray = Vector3::new(tile.x[i], tile.y[i], 1.0);
+        let seen = earth.radiance(&(self.sky_R_WC * ray.normalize()));
         let sun = self.scene.sun.intensity.max(0.0) as f32;
         seen.map_or([0.0; 3], |colour| colour.map(|x| x * sun))
     }
