@@ -11,7 +11,7 @@ const RECONNECT = 1000;
 /** How long a call may take before the network counts as stalled [ms]. */
 export const STALLED = 500;
 
-// eslint-disable-next-line @typescript-eslint/no-explicit-any
+/** A decoded message: its fields are those of its ROS definition, which the server states. */
 export type Message = any;
 type Handler = (message: Message, topic: string) => void;
 type Wish = { match: (channel: Channel) => boolean; handler: Handler };

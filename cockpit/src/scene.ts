@@ -2,12 +2,12 @@
 
 import {
   AmbientLight, ArrowHelper, AxesHelper, BufferGeometry, Color, DirectionalLight, DoubleSide, Float32BufferAttribute, Group, Line,
-  LineBasicMaterial, LineDashedMaterial, LineSegments, Matrix4, Mesh, MeshBasicMaterial, Object3D, Points, PointsMaterial, Quaternion, Scene,
+  LineBasicMaterial, LineDashedMaterial, LineSegments, Matrix4, Mesh, MeshBasicMaterial, Object3D, Points, PointsMaterial, Scene,
   SphereGeometry, Vector3,
 } from "three";
 import type { URDFRobot } from "urdf-loader";
 import type { Connection, Message } from "./connection";
-import { Frames, WORLD, matrix } from "./frames";
+import { Frames, matrix } from "./frames";
 import { dispose, robot } from "./meshes";
 import { Predictions } from "./predictions";
 
@@ -264,5 +264,3 @@ export function rollPitchYaw(pose: Matrix4): [number, number, number] {
   const e = pose.elements;
   return [Math.atan2(e[6], e[10]), Math.asin(Math.max(-1, Math.min(1, -e[2]))), Math.atan2(e[1], e[0])];
 }
-
-export { Quaternion, WORLD };
