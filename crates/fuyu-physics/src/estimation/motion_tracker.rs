@@ -181,6 +181,10 @@ impl MotionTracker {
             self.misfits.count = 0;
             self.fits = self.fits.saturating_add(1);
             let changed = self.changes.add(frame.time, &update.innovation)?;
+            if self.is_beyond_prediction(changed) {
+                self.changes = ChangeDetector::new(frame.time);
+                return None;
+            }
             return (self.fits >= FITS_FOR_CONFIRMATION)
                 .then_some(TrackLoss::MotionChanged(changed));
         }
@@ -188,7 +192,7 @@ impl MotionTracker {
             self.misfits.since = frame.time;
         }
         self.misfits.count += 1;
-        let is_confirmed = self.fits >= FITS_FOR_CONFIRMATION && !self.is_beyond_prediction();
+        let is_confirmed = self.fits >= FITS_FOR_CONFIRMATION && !self.is_beyond_prediction(self.misfits.since);
         let loss = match is_confirmed {
             true => TrackLoss::MotionChanged(self.misfits.since),
             false => TrackLoss::Unconfirmed,
@@ -196,11 +200,11 @@ impl MotionTracker {
         (self.misfits.count >= MISFITS_FOR_LOSS).then_some(loss)
     }
 
-    /// Whether the misfits began later after the batch than it is long. So long a prediction fails without a change of the
-    /// motion, when a slow computer has not solved the next batch yet.
-    fn is_beyond_prediction(&self) -> bool {
+    /// Whether `time` \[s\], since which the frames contradict the motion, is later after the batch than that is long. So
+    /// long a prediction fails without a change of the motion, when a slow computer has not solved the next batch yet.
+    fn is_beyond_prediction(&self, time: f64) -> bool {
         let (first, last) = self.batch.span;
-        self.misfits.since - last > last - first
+        time - last > last - first
     }
 
     /// The motion, in inertial axes.

@@ -134,11 +134,11 @@ impl Problem {
                 (eye.occlusion, eye.outliers) = (true, 0.05);
             }
             Category::FocalLength => {
-                let sign = if seed % 2 == 0 { 1.0 } else { -1.0 };
+                let sign = if seed.is_multiple_of(2) { 1.0 } else { -1.0 };
                 eye.focal *= 1.0 + 0.003 * sign;
             }
             Category::Distortion => {
-                eye.radial = 0.01 * if seed % 2 == 0 { 1.0 } else { -1.0 };
+                eye.radial = 0.01 * if seed.is_multiple_of(2) { 1.0 } else { -1.0 };
                 eye.centre.x += 3.0;
                 eye.centre.y -= 3.0;
             }
