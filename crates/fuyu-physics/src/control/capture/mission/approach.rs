@@ -165,7 +165,7 @@ impl CaptureMission {
                         break;
                     }
                 }
-                Err(e) => failure = e.to_string(),
+                Err(e) => failure = format!("in {duration} s: {e}"),
             }
         }
         best.ok_or(failure)

@@ -217,6 +217,11 @@ impl CaptureMission {
         &self.config
     }
 
+    /// The robot.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
     /// Motion of the target, as far as it is known.
     pub fn track(&self) -> &TargetTrack {
         &self.track
