@@ -19,7 +19,11 @@ fn the_tip_moves_as_a_critically_damped_mass() {
         damping: 1.0,
     };
     let mut impedance = TipImpedance::new(&model, &tip, law);
-    let mut robot = Floating::new(model.clone(), State::at_rest_with(&model, &posture()), METHOD);
+    let mut robot = Floating::new(
+        model.clone(),
+        State::at_rest_with(&model, &posture()),
+        METHOD,
+    );
     let mut workspace = Workspace::new(&model);
     let state = |robot: &Floating, workspace: &mut Workspace| {
         let w = robot.workspace().V_WB_B().angular;
@@ -58,7 +62,11 @@ fn effective_mass_predicts_the_impulse_of_a_ball() {
         damping: 1.0,
     };
     let mut impedance = TipImpedance::new(&model, &tip, law);
-    let robot = Floating::new(model.clone(), State::at_rest_with(&model, &posture()), METHOD);
+    let robot = Floating::new(
+        model.clone(),
+        State::at_rest_with(&model, &posture()),
+        METHOD,
+    );
     let X_WE = robot.state().X_WB(robot.workspace()) * robot.workspace().X_BF(&tip);
     for direction in [Vector3::x(), Vector3::y(), Vector3::new(1.0, -2.0, 0.5)] {
         let mass = impedance.effective_mass(&posture(), &direction);
@@ -96,6 +104,9 @@ fn effective_mass_predicts_the_impulse_of_a_ball() {
         let along = direction.normalize();
         let taken = V.dot(&along) / 0.1;
         let expected = m / (m + mass);
-        assert!((taken - expected).abs() < 1e-3 * expected, "{taken} {expected} {mass}");
+        assert!(
+            (taken - expected).abs() < 1e-3 * expected,
+            "{taken} {expected} {mass}"
+        );
     }
 }

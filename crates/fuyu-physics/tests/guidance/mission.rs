@@ -12,7 +12,13 @@ fn mission(config: CaptureConfig) -> CaptureMission {
 
 fn print(mission: &CaptureMission) {
     for report in mission.reports() {
-        println!("{:9} {:7.2} {:?} {}", report.phase.name(), report.start, report.end, report.outcome);
+        println!(
+            "{:9} {:7.2} {:?} {}",
+            report.phase.name(),
+            report.start,
+            report.end,
+            report.outcome
+        );
         for figure in &report.figures {
             println!("    {}: {:.6} {}", figure.name, figure.value, figure.unit);
         }
@@ -30,7 +36,9 @@ fn run(
     while world.time() < limit && !mission.phase().is_over() {
         if note != mission.waits_for() {
             mission.waits_for().clone_into(&mut note);
-            if mission.phase() == Phase::Plan { println!("{:7.2} {note}", world.time()); }
+            if mission.phase() == Phase::Plan {
+                println!("{:7.2} {note}", world.time());
+            }
         }
         each(world, mission);
         world.answer(mission);
@@ -58,15 +66,29 @@ fn a_satellite_is_captured_stopped_and_identified() {
     assert_eq!(mission.phase(), Phase::Done);
     // At the rendezvous the true twist of the point ahead of the grasp frame relative to the tip is small.
     let (X, V) = meeting.unwrap();
-    println!("{} {} {}", X.translation.vector.norm(), V.linear.norm(), V.angular.norm());
+    println!(
+        "{} {} {}",
+        X.translation.vector.norm(),
+        V.linear.norm(),
+        V.angular.norm()
+    );
     assert!(X.translation.vector.norm() < 0.02 && X.rotation.angle() < 0.02);
     assert!(V.linear.norm() < 2e-3 && V.angular.norm() < 2e-3);
     let rate = world.robot.workspace().V_WB_B().angular.norm();
     assert!(rate < 0.05f64.to_radians(), "{rate}");
     let truth = world.target_in_grasp_frame();
     let found = mission.payload().unwrap();
-    assert!((found.mass / truth.mass - 1.0).abs() < 0.01, "{} {}", found.mass, truth.mass);
-    let identify = mission.reports().iter().find(|r| r.phase == Phase::Identify).unwrap();
+    assert!(
+        (found.mass / truth.mass - 1.0).abs() < 0.01,
+        "{} {}",
+        found.mass,
+        truth.mass
+    );
+    let identify = mission
+        .reports()
+        .iter()
+        .find(|r| r.phase == Phase::Identify)
+        .unwrap();
     assert_eq!(identify.figure("rank"), Some(13.0));
     let [before, after] = ["presumed", "identified"].map(|inertia| {
         let name = format!("joint error over motion with the {inertia} inertia");
@@ -89,7 +111,10 @@ fn a_target_that_disappears_and_a_latch_that_fails_end_in_safety() {
     });
     assert_eq!(mission.phase(), Phase::Aborted);
     let reason = mission.abort_reason().unwrap();
-    assert!(reason.contains("the target has not been seen for"), "{reason}");
+    assert!(
+        reason.contains("the target has not been seen for"),
+        "{reason}"
+    );
     assert!(world.robot.state().qd.amax() < 2e-3);
     assert!(world.held.is_none());
 }
@@ -168,7 +193,13 @@ fn dispersed_missions() {
         let error = (found / world.target_in_grasp_frame().mass - 1.0).abs();
         println!(
             "{run_index:3} {mass:5.0} kg {:4.1} deg/s: {} {:.0} s, {:?}; rate {final_rate:.4} deg/s, wrench {:.1} N {:.1} N m, mass error {:.3} %",
-            rate.to_degrees(), mission.phase().name(), world.time(), mission.abort_reason(), world.grasp.0, world.grasp.1, 100.0 * error
+            rate.to_degrees(),
+            mission.phase().name(),
+            world.time(),
+            mission.abort_reason(),
+            world.grasp.0,
+            world.grasp.1,
+            100.0 * error
         );
         if mission.phase() == Phase::Done {
             captured += 1;
@@ -178,5 +209,8 @@ fn dispersed_missions() {
             }
         }
     }
-    println!("captured {captured} of {runs}; worst rate {} deg/s, force {} N, torque {} N m, mass error {}", worst[0], worst[1], worst[2], worst[3]);
+    println!(
+        "captured {captured} of {runs}; worst rate {} deg/s, force {} N, torque {} N m, mass error {}",
+        worst[0], worst[1], worst[2], worst[3]
+    );
 }

@@ -82,7 +82,9 @@ fn followed(plan: &Plan, start: &Start) -> (Pose, Twist, f64) {
         let (q, qd) = at(plan.start + (f64::from(k) + 0.5) * dt);
         workspace.set_positions(&q);
         let rate = |R: &UnitQuaternion<f64>, workspace: &Workspace| {
-            workspace.base_twist(&state.momentum_W.expressed_in(R), &qd).angular
+            workspace
+                .base_twist(&state.momentum_W.expressed_in(R), &qd)
+                .angular
         };
         let first = rate(&state.R_WB, &workspace);
         let middle = state.R_WB * UnitQuaternion::from_scaled_axis(first * (0.5 * dt));
@@ -123,7 +125,11 @@ fn the_tip_meets_the_goal_at_zero_relative_twist() {
         assert!(X.rotation.angle_to(&goal.X.rotation) < 1e-5);
         let relative = (V.linear - goal.V.linear).norm() + (V.angular - goal.V.angular).norm();
         assert!(relative < 1e-5, "{relative}");
-        assert!((turn - plan.base_turn).abs() < 1e-5, "{turn} {}", plan.base_turn);
+        assert!(
+            (turn - plan.base_turn).abs() < 1e-5,
+            "{turn} {}",
+            plan.base_turn
+        );
         // The start is that of the joints.
         for j in 0..6 {
             let first = plan.at(j, plan.start);

@@ -150,10 +150,11 @@ impl World {
 
     /// Pose of the grasp frame in the tip's, and twist of it relative to the tip's, both in world axes at the grasp point.
     pub fn relative(&self, offset: f64) -> (Pose, Twist) {
-        let X_TG = self.X_TG * Pose::from_parts(
-            Translation3::new(-offset, 0.0, 0.0),
-            nalgebra::Rotation3::identity(),
-        );
+        let X_TG = self.X_TG
+            * Pose::from_parts(
+                Translation3::new(-offset, 0.0, 0.0),
+                nalgebra::Rotation3::identity(),
+            );
         let frame = Frame {
             name: "grasp".to_owned(),
             body: 0,
@@ -189,7 +190,8 @@ impl World {
             let p = X_BG.translation.vector + self.noise(self.sensors.position_noise);
             let turn = exp_so3(&self.noise(self.sensors.attitude_noise));
             let R = X_BG.rotation * turn.to_rotation_matrix();
-            self.frames.push((self.time(), Pose::from_parts(p.into(), R)));
+            self.frames
+                .push((self.time(), Pose::from_parts(p.into(), R)));
         }
         let (time, _) = *self.frames.first()?;
         (self.time() >= time + self.sensors.latency - 1e-9).then(|| self.frames.remove(0))
@@ -197,7 +199,8 @@ impl World {
 
     /// Forecast that arrives now, in the camera's axes at its start.
     pub fn forecast(&mut self) -> Option<RotationForecast> {
-        if self.held.is_some() || self.tick % 100 != 0 || self.tick < 500 || !self.target_is_visible {
+        if self.held.is_some() || self.tick % 100 != 0 || self.tick < 500 || !self.target_is_visible
+        {
             return None;
         }
         let start = self.time();
@@ -230,7 +233,10 @@ impl World {
                 latch: Latch::Weld,
                 joints: JointReaction::Free,
             };
-            if grasp.check_separation(&self.robot, &self.target, 0.03, 0.06).is_ok() {
+            if grasp
+                .check_separation(&self.robot, &self.target, 0.03, 0.06)
+                .is_ok()
+            {
                 let (held, _) = Captured::new(&self.robot, &self.target, &grasp, METHOD).unwrap();
                 held.show_robot(&mut self.robot);
                 held.show_target(&mut self.target);
@@ -317,9 +323,7 @@ impl World {
 /// the body.
 pub fn client(mass: f64, rate: f64, axis: Vector3<f64>) -> Target {
     let size = (mass / 300.0).cbrt();
-    let inertia = nalgebra::Matrix3::new(
-        110.0, 3.0, -2.0, 3.0, 150.0, 5.0, -2.0, 5.0, 170.0,
-    );
+    let inertia = nalgebra::Matrix3::new(110.0, 3.0, -2.0, 3.0, 150.0, 5.0, -2.0, 5.0, 170.0);
     let body = RigidInertia {
         mass,
         com: Vector3::new(0.02, -0.03, 0.01),

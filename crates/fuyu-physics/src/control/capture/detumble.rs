@@ -78,7 +78,8 @@ impl Stack {
         let r = self.target.com - self.com;
         let force = (alpha.cross(&r) + w.cross(&w.cross(&r))) * self.target.mass;
         let about = self.target.about_com;
-        let torque = about * alpha + w.cross(&(about * w)) + (self.target.com - self.grasp).cross(&force);
+        let torque =
+            about * alpha + w.cross(&(about * w)) + (self.target.com - self.grasp).cross(&force);
         Wrench::new(torque, force)
     }
 
@@ -303,7 +304,10 @@ mod tests {
         let (w, h, after, _) = run(&detumbler, w, 150.0);
         assert!(w.norm() < 1e-6, "{w}");
         assert!((h.norm() - total.norm()).abs() < 1e-5 * total.norm());
-        assert!((after - total).norm() < 1e-5 * total.norm(), "{after} {total}");
+        assert!(
+            (after - total).norm() < 1e-5 * total.norm(),
+            "{after} {total}"
+        );
     }
 
     // Wheels that are too small fill up; thrusters remove the rest.
@@ -327,7 +331,10 @@ mod tests {
     #[test]
     fn the_wrench_at_the_grasp_is_the_change_of_the_targets_momentum() {
         let stack = stack();
-        let (w, couple) = (Vector3::new(0.03, -0.05, 0.02), Vector3::new(3.0, -1.0, 2.0));
+        let (w, couple) = (
+            Vector3::new(0.03, -0.05, 0.02),
+            Vector3::new(3.0, -1.0, 2.0),
+        );
         let inverse = stack.inertia.try_inverse().unwrap();
         let momenta = |t: f64| {
             // Attitude and rate to second order.
@@ -343,7 +350,11 @@ mod tests {
         let (a, b) = (momenta(-h), momenta(h));
         let (force, torque) = ((b.0 - a.0) / (2.0 * h), (b.1 - a.1) / (2.0 * h));
         let found = stack.grasp_wrench(&w, &couple);
-        assert!((found.force - force).norm() < 1e-5, "{} {force}", found.force);
+        assert!(
+            (found.force - force).norm() < 1e-5,
+            "{} {force}",
+            found.force
+        );
         let about_grasp = torque - (stack.grasp - stack.com).cross(&force);
         assert!((found.torque - about_grasp).norm() < 1e-5);
     }
@@ -360,8 +371,14 @@ mod tests {
         let (stack, detumbler) = (stack(), Detumbler::new(limits, 3.0));
         let shared = detumbler.couple(&stack, &w, &(stack.inertia * w), &Vector3::zeros());
         assert!(shared.scale < 1.0);
-        assert!((shared.grasp.force.norm() - 10.0).abs() < 1e-9, "{shared:?}");
+        assert!(
+            (shared.grasp.force.norm() - 10.0).abs() < 1e-9,
+            "{shared:?}"
+        );
         let (left, _, _, largest) = run(&detumbler, w, 600.0);
-        assert!(left.norm() < 1e-5 && largest < 10.0 + 1e-9, "{left} {largest}");
+        assert!(
+            left.norm() < 1e-5 && largest < 10.0 + 1e-9,
+            "{left} {largest}"
+        );
     }
 }

@@ -40,7 +40,10 @@ impl Excitation {
     /// Joint `j` at `time` \[s\].
     pub fn at(&self, j: usize, time: f64) -> JointPoint {
         let t = (time - self.start).clamp(0.0, self.duration);
-        let moving = self.amplitudes[j + 1..].iter().filter(|a| **a != 0.0).count();
+        let moving = self.amplitudes[j + 1..]
+            .iter()
+            .filter(|a| **a != 0.0)
+            .count();
         let k = (SLOWEST + moving) as f64;
         let A = self.amplitudes[j];
         // sin(a) sin²(b) = sin(a)/2 - (sin(a + 2b) + sin(a - 2b)) / 4, and 2b has one period.

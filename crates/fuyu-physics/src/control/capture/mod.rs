@@ -16,19 +16,19 @@
 mod clearance;
 mod detumble;
 mod excitation;
+mod feasibility;
 #[cfg(test)]
 pub(in crate::control::capture) mod fixtures;
 mod mission;
 mod own_motion;
 mod payload;
+mod plan;
 mod rendezvous;
 mod target_track;
 mod tip_impedance;
 
 pub use clearance::{Clearance, ClearanceConfig, Distances};
-pub use detumble::{
-    DetumbleLimits, Detumbler, SharedCouple, Stack, WheelLimits, wheels_suffice,
-};
+pub use detumble::{DetumbleLimits, Detumbler, SharedCouple, Stack, WheelLimits, wheels_suffice};
 pub use excitation::Excitation;
 pub use mission::{
     CaptureConfig, CaptureMission, Command, Figure, Gripper, MissionError, Phase, PhaseReport,
@@ -36,8 +36,7 @@ pub use mission::{
 };
 pub use own_motion::{OwnMotion, inertial_state};
 pub use payload::{presumed, stack, with_payload};
-pub use rendezvous::{
-    JointLimitsShare, Objective, Plan, PlanError, Rendezvous, RendezvousPlanner, Start,
-};
+pub use plan::{JointLimitsShare, Objective, Plan, PlanError, Start};
+pub use rendezvous::{Rendezvous, RendezvousPlanner};
 pub use target_track::{FrameMotion, RotationForecast, TargetTrack, TrackConfig, Uncertainty};
 pub use tip_impedance::{TipImpedance, TipLaw, TipReport};

@@ -11,6 +11,7 @@ use nalgebra::{DMatrix, DVector, Matrix6xX, Translation3, UnitQuaternion, Vector
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 use super::clearance::{Clearance, Distances};
+use super::plan::{JointLimitsShare, Plan, PlanError, Start, point, quintic, rank};
 use super::target_track::FrameMotion;
 use crate::control::commander::JointPoint;
 use crate::control::damped_descent::shortened;
@@ -19,7 +20,7 @@ use crate::model::{Frame, Model};
 use crate::spatial::{Pose, Twist, exp_so3};
 
 /// Pieces of the way over which the base's rotation is integrated, by Magnus's method of fourth order.
-const PIECES: usize = 48;
+pub(super) const PIECES: usize = 48;
 /// Largest deviation of the tip from its goal at the arrival, of position \[m\] and rotation vector \[rad\].
 const TOLERANCE: f64 = 1e-9;
 const ITERATIONS: usize = 25;
@@ -36,211 +37,36 @@ const SHAPING_ITERATIONS: usize = 4;
 const LARGEST_BUMP: f64 = 0.8;
 /// Weight of a bump \[1/(rad s)\]: a joint moves for the base's sake only where that helps.
 const BUMP_WEIGHT: f64 = 1e-4;
-/// Least singular value of the tip's Jacobian at the arrival, lengths in m.
-const SINGULAR: f64 = 0.05;
-
-/// What a plan minimises.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Objective {
-    /// Rotation of the base on the way.
-    #[default]
-    BaseReaction,
-    /// Time until the arrival.
-    Time,
-}
-
-impl Objective {
-    /// All by name.
-    pub const NAMES: [(&'static str, Self); 2] =
-        [("base_reaction", Self::BaseReaction), ("time", Self::Time)];
-}
-
-/// Where a plan begins: the motion of the robot in I.
-#[derive(Debug, Clone)]
-pub struct Start {
-    /// The robot's state: attitude of the base, momentum; its positions and rates are not used.
-    pub state: State,
-    /// Position, rate and acceleration of each joint's reference.
-    pub joints: Vec<JointPoint>,
-}
-
-/// Limits that a plan respects.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct JointLimitsShare {
-    /// Share of the joints' velocity limits that a plan uses.
-    pub velocity: f64,
-    /// Largest rate of a joint whose description gives no limit \[rad/s or m/s\].
-    pub default_velocity: f64,
-    /// Largest acceleration of a joint \[rad/s² or m/s²\].
-    pub acceleration: f64,
-    /// Share of the joints' effort limits that a plan uses.
-    pub effort: f64,
-}
-
-impl Default for JointLimitsShare {
-    fn default() -> Self {
-        Self {
-            velocity: 0.8,
-            default_velocity: 0.3,
-            acceleration: 0.2,
-            effort: 0.7,
-        }
-    }
-}
-
-/// Why there is no plan.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum PlanError {
-    /// The tip does not get there.
-    #[error(
-        "the tip does not reach the target at {arrival:.1} s: {position:.3} m and {angle:.3} rad are left at best"
-    )]
-    NotReached {
-        /// Time of the arrival \[s\].
-        arrival: f64,
-        /// What is left \[m\].
-        position: f64,
-        /// What is left \[rad\].
-        angle: f64,
-    },
-    /// The arm would be nearly singular at the arrival.
-    #[error(
-        "the arm is nearly singular where it meets the target at {arrival:.1} s (singular value {value:.3}, least {SINGULAR})"
-    )]
-    Singular {
-        /// Time of the arrival \[s\].
-        arrival: f64,
-        /// Smallest singular value of the generalized Jacobian.
-        value: f64,
-    },
-    /// A joint would exceed a limit.
-    #[error("joint '{joint}' would exceed its limit of {what}: {value:.3}, limit {limit:.3}")]
-    Joint {
-        /// The joint.
-        joint: String,
-        /// Of what.
-        what: &'static str,
-        /// The value \[SI\].
-        value: f64,
-        /// The limit \[SI\].
-        limit: f64,
-    },
-    /// The arm would come too close to something.
-    #[error("the arm would come within {distance:.3} m of {what}")]
-    Clearance {
-        /// Of what.
-        what: &'static str,
-        /// The distance \[m\], negative inside.
-        distance: f64,
-    },
-    /// The target's motion is not known until then.
-    #[error("the target's motion is not known until {0:.1} s")]
-    Unknown(f64),
-}
-
-/// A joint motion to the rendezvous.
-#[derive(Debug, Clone)]
-pub struct Plan {
-    /// Time of the start \[s\].
-    pub start: f64,
-    /// Time of the arrival \[s\].
-    pub arrival: f64,
-    /// Joint positions at the arrival.
-    pub q: DVector<f64>,
-    /// Mean square of the base's angular velocity on the way, its root \[rad/s\].
-    pub base_rate: f64,
-    /// Turn of the base from start to arrival \[rad\].
-    pub base_turn: f64,
-    /// The least distances on the way.
-    pub distances: Distances,
-    /// Attitude of the base in I at the arrival.
-    pub R_IB: UnitQuaternion<f64>,
-    /// Coefficients of each joint's polynomial in `s`, from 0 to 1.
-    polynomials: Vec<[f64; 6]>,
-    bumps: DVector<f64>,
-}
-
-impl Plan {
-    /// Position, rate and acceleration of joint `j` at `time` \[s\]. Afterwards it goes on as at the arrival.
-    pub fn at(&self, j: usize, time: f64) -> JointPoint {
-        point(
-            &self.polynomials[j],
-            self.bumps[j],
-            (time - self.start) / (self.arrival - self.start),
-            self.arrival - self.start,
-        )
-    }
-}
-
-fn point(c: &[f64; 6], bump: f64, s: f64, T: f64) -> JointPoint {
-    let s = s.clamp(0.0, 1.0);
-    let value = |c: &[f64]| c.iter().rev().fold(0.0, |sum, c| sum * s + c);
-    let first: [f64; 5] = std::array::from_fn(|k| (k + 1) as f64 * c[k + 1]);
-    let second: [f64; 4] = std::array::from_fn(|k| (k + 1) as f64 * first[k + 1]);
-    let r = s * (1.0 - s);
-    let (dr, ddr) = (1.0 - 2.0 * s, -2.0);
-    let (b, db, ddb) = (
-        r.powi(3),
-        3.0 * r * r * dr,
-        6.0 * r * dr * dr + 3.0 * r * r * ddr,
-    );
-    let bump = 64.0 * bump;
-    JointPoint {
-        position: value(c) + bump * b,
-        rate: (value(&first) + bump * db) / T,
-        acceleration: (value(&second) + bump * ddb) / (T * T),
-    }
-}
-
-/// The polynomial with coefficients `c` at `s`, a part of `T` \[s\].
-pub(super) fn quintic_at(c: &[f64; 6], s: f64, T: f64) -> JointPoint {
-    point(c, 0.0, s, T)
-}
-
-/// Coefficients in `s` of the quintic between two points, `T` \[s\] apart.
-pub(super) fn quintic(from: &JointPoint, to: &JointPoint, T: f64) -> [f64; 6] {
-    let (v0, a0) = (from.rate * T, from.acceleration * T * T);
-    let way = to.position - from.position - v0 - 0.5 * a0;
-    let (rate, bend) = (to.rate * T - v0 - a0, to.acceleration * T * T - a0);
-    [
-        from.position,
-        v0,
-        0.5 * a0,
-        10.0 * way - 4.0 * rate + 0.5 * bend,
-        -15.0 * way + 7.0 * rate - bend,
-        6.0 * way - 3.0 * rate + 0.5 * bend,
-    ]
-}
 
 /// Joint motion at the arrival.
 #[derive(Debug, Clone)]
-struct End {
-    q: DVector<f64>,
-    qd: DVector<f64>,
-    qdd: DVector<f64>,
+pub(super) struct End {
+    pub q: DVector<f64>,
+    pub qd: DVector<f64>,
+    pub qdd: DVector<f64>,
 }
 
 /// A way with what it leads to.
-struct Shot {
-    polynomials: Vec<[f64; 6]>,
-    R_IB: UnitQuaternion<f64>,
-    error: Vector6<f64>,
+pub(super) struct Shot {
+    pub polynomials: Vec<[f64; 6]>,
+    pub R_IB: UnitQuaternion<f64>,
+    pub error: Vector6<f64>,
     /// By how much rates and accelerations at the end of the way differ from those of `end`.
-    rates_off: f64,
-    end: End,
+    pub rates_off: f64,
+    pub end: End,
 }
 
 /// Plans rendezvous of one robot.
 #[derive(Debug, Clone)]
 pub struct RendezvousPlanner {
-    model: Model,
-    tip: Frame,
-    clearance: Clearance,
-    limits: JointLimitsShare,
-    workspace: Workspace,
-    jacobian: Matrix6xX<f64>,
-    no_input: Input,
-    free: DVector<f64>,
+    pub(super) model: Model,
+    pub(super) tip: Frame,
+    pub(super) clearance: Clearance,
+    pub(super) limits: JointLimitsShare,
+    pub(super) workspace: Workspace,
+    pub(super) jacobian: Matrix6xX<f64>,
+    pub(super) no_input: Input,
+    pub(super) free: DVector<f64>,
 }
 
 /// The rendezvous that is asked for.
@@ -257,19 +83,14 @@ pub struct Rendezvous<'a> {
 }
 
 impl Rendezvous<'_> {
-    fn duration(&self) -> f64 {
+    pub(super) fn duration(&self) -> f64 {
         self.arrival - self.start.state.time
     }
 }
 
 impl RendezvousPlanner {
     /// A planner for `tip` of a robot.
-    pub fn new(
-        model: &Model,
-        tip: &Frame,
-        clearance: Clearance,
-        limits: JointLimitsShare,
-    ) -> Self {
+    pub fn new(model: &Model, tip: &Frame, clearance: Clearance, limits: JointLimitsShare) -> Self {
         Self {
             model: model.clone(),
             tip: tip.clone(),
@@ -355,64 +176,6 @@ impl RendezvousPlanner {
         Err(failure)
     }
 
-    /// Checks that the tip can go on to follow `goals`, frames at later times \[s\]: that the arm reaches them from one to the
-    /// next, not faster than its limits and clear of singular postures. The base is where it is at the arrival.
-    ///
-    /// # Errors
-    /// [`PlanError`].
-    pub fn check_following(
-        &mut self,
-        plan: &Plan,
-        goals: &[(f64, FrameMotion)],
-    ) -> Result<(), PlanError> {
-        let (mut q, mut time) = (plan.q.clone(), plan.arrival);
-        for (at, goal) in goals {
-            let before = q.clone();
-            if !self.descend(&plan.R_IB, goal, &mut q) {
-                let error = self.pose_error(&plan.R_IB, goal);
-                return Err(PlanError::NotReached {
-                    arrival: *at,
-                    position: error.fixed_rows::<3>(0).norm(),
-                    angle: error.fixed_rows::<3>(3).norm(),
-                });
-            }
-            self.check_singular(&q, *at)?;
-            for (j, joint) in self.model.joints().iter().enumerate() {
-                let (value, limit) = ((q[j] - before[j]).abs() / (at - time), self.fastest(j));
-                if value > limit {
-                    return Err(PlanError::Joint {
-                        joint: joint.name.clone(),
-                        what: "rate",
-                        value,
-                        limit,
-                    });
-                }
-            }
-            time = *at;
-        }
-        Ok(())
-    }
-
-    fn check_singular(&mut self, q: &DVector<f64>, arrival: f64) -> Result<(), PlanError> {
-        self.workspace.set_positions(q);
-        self.workspace
-            .generalized_jacobian(&self.tip, &mut self.jacobian);
-        let value = self.jacobian.clone().singular_values().min();
-        match self.jacobian.ncols() >= 6 && value < SINGULAR {
-            true => Err(PlanError::Singular { arrival, value }),
-            false => Ok(()),
-        }
-    }
-
-    /// Largest rate of joint `j` in a plan.
-    fn fastest(&self, j: usize) -> f64 {
-        let limit = self.model.joints()[j].limits.velocity;
-        match limit.is_finite() {
-            true => limit * self.limits.velocity,
-            false => self.limits.default_velocity,
-        }
-    }
-
     /// Postures of the arm at the arrival, with the base where it is at the start: the starts of the shooting.
     fn postures(&mut self, task: &Rendezvous) -> Vec<End> {
         let n = self.model.dof();
@@ -461,7 +224,7 @@ impl RendezvousPlanner {
     }
 
     /// Damped least squares on the tip's pose, from joint positions `q`.
-    fn descend(
+    pub(super) fn descend(
         &mut self,
         R_IB: &UnitQuaternion<f64>,
         goal: &FrameMotion,
@@ -488,7 +251,11 @@ impl RendezvousPlanner {
     }
 
     /// Position error and rotation vector from the tip to the goal, axes of I, at the positions of the workspace.
-    fn pose_error(&self, R_IB: &UnitQuaternion<f64>, goal: &FrameMotion) -> Vector6<f64> {
+    pub(super) fn pose_error(
+        &self,
+        R_IB: &UnitQuaternion<f64>,
+        goal: &FrameMotion,
+    ) -> Vector6<f64> {
         let X_IE = self.X_IE(R_IB);
         let p = goal.X.translation.vector - X_IE.translation.vector;
         let turn = UnitQuaternion::from(goal.X.rotation * X_IE.rotation.inverse()).scaled_axis();
@@ -513,9 +280,8 @@ impl RendezvousPlanner {
     ) -> Option<DVector<f64>> {
         self.workspace
             .generalized_jacobian(&self.tip, &mut self.jacobian);
-        let [linear, angular] = [0, 3].map(|k| {
-            R_IB.inverse_transform_vector(&Vector3::from(twist_I.fixed_rows::<3>(k)))
-        });
+        let [linear, angular] = [0, 3]
+            .map(|k| R_IB.inverse_transform_vector(&Vector3::from(twist_I.fixed_rows::<3>(k))));
         let twist = DVector::from_iterator(6, linear.iter().chain(angular.iter()).copied());
         let J = DMatrix::from_fn(6, self.jacobian.ncols(), |r, c| self.jacobian[(r, c)]);
         let normal = &J * J.transpose() + DMatrix::identity(6, 6) * (damping * damping);
@@ -523,7 +289,7 @@ impl RendezvousPlanner {
     }
 
     /// State of the robot in I at positions, rates and attitude of the base.
-    fn state(&self, task: &Rendezvous, R_IB: UnitQuaternion<f64>, end: &End) -> State {
+    pub(super) fn state(&self, task: &Rendezvous, R_IB: UnitQuaternion<f64>, end: &End) -> State {
         let mut state = task.start.state.clone();
         state.R_WB = R_IB;
         state.q.copy_from(&end.q);
@@ -601,7 +367,7 @@ impl RendezvousPlanner {
     }
 
     /// Attitude of the base after a piece of the way.
-    fn turned(
+    pub(super) fn turned(
         &mut self,
         task: &Rendezvous,
         way: (&[[f64; 6]], &DVector<f64>),
@@ -703,8 +469,8 @@ impl RendezvousPlanner {
             let step = -factor.solve(&slope.tr_mul(&residual));
             let mut gained = false;
             for share in [1.0, 0.5, 0.2] {
-                let moved = (&bumps + &step * share)
-                    .map(|b: f64| b.clamp(-LARGEST_BUMP, LARGEST_BUMP));
+                let moved =
+                    (&bumps + &step * share).map(|b: f64| b.clamp(-LARGEST_BUMP, LARGEST_BUMP));
                 let Ok(other) = self.shoot(task, shot.end.clone(), &moved) else {
                     continue;
                 };
@@ -743,7 +509,7 @@ impl RendezvousPlanner {
     }
 
     /// Distances after a piece of the way.
-    fn distances(
+    pub(super) fn distances(
         &mut self,
         task: &Rendezvous,
         shot: &Shot,
@@ -759,117 +525,5 @@ impl RendezvousPlanner {
         let center = task.center.map(|(from, to)| from.lerp(&to, s));
         let X_IB = self.X_IB(R_IB);
         (self.clearance).distances(&self.workspace, &X_IB, center.as_ref())
-    }
-
-    /// The plan, if it respects the limits.
-    fn checked(
-        &mut self,
-        task: &Rendezvous,
-        shot: Shot,
-        bumps: DVector<f64>,
-    ) -> Result<Plan, PlanError> {
-        let T = task.duration();
-        self.check_singular(&shot.end.q, task.arrival)?;
-        let mut distances = Distances {
-            keep_out: f64::INFINITY,
-            own: f64::INFINITY,
-        };
-        let mut R_IB = task.start.state.R_WB;
-        let mut squares = 0.0;
-        for piece in 0..PIECES {
-            let (after, rate) = self.turned(task, (&shot.polynomials, &bumps), &R_IB, piece);
-            R_IB = after;
-            squares += rate.norm_squared() / PIECES as f64;
-            let here = self.distances(task, &shot, &bumps, &R_IB, piece + 1);
-            distances = distances.least(here);
-            self.check_joints(task, &shot, &bumps, &R_IB, piece + 1)?;
-        }
-        let closest = [
-            ("the keep-out sphere of the target", distances.keep_out),
-            ("another part of the robot", distances.own - self.clearance.config().margin),
-        ];
-        if let Some((what, distance)) = closest.into_iter().find(|(_, d)| *d < 0.0) {
-            return Err(PlanError::Clearance { what, distance });
-        }
-        let start = task.start.state.time;
-        Ok(Plan {
-            start,
-            arrival: start + T,
-            q: shot.end.q,
-            base_rate: squares.sqrt(),
-            base_turn: task.start.state.R_WB.angle_to(&R_IB),
-            distances,
-            R_IB,
-            polynomials: shot.polynomials,
-            bumps,
-        })
-    }
-
-    /// Checks positions, rates, accelerations and efforts of the joints after a piece of the way.
-    fn check_joints(
-        &mut self,
-        task: &Rendezvous,
-        shot: &Shot,
-        bumps: &DVector<f64>,
-        R_IB: &UnitQuaternion<f64>,
-        piece: usize,
-    ) -> Result<(), PlanError> {
-        let (s, T) = (piece as f64 / PIECES as f64, task.duration());
-        let n = self.model.dof();
-        let points: Vec<JointPoint> = (0..n)
-            .map(|j| point(&shot.polynomials[j], bumps[j], s, T))
-            .collect();
-        let of = |value: fn(&JointPoint) -> f64| DVector::from_iterator(n, points.iter().map(value));
-        let here = End {
-            q: of(|p| p.position),
-            qd: of(|p| p.rate),
-            qdd: of(|p| p.acceleration),
-        };
-        let state = self.state(task, *R_IB, &here);
-        self.workspace.set_positions(&state.q);
-        self.workspace.set_motion(&state);
-        (self.workspace).accelerations(&state, &self.no_input, &mut self.free);
-        let added = &here.qdd - &self.free;
-        let efforts = self.workspace.reduced_inertia() * added;
-        for (j, joint) in self.model.joints().iter().enumerate() {
-            let limits = &joint.limits;
-            let exceeds = |what, value: f64, limit: f64| {
-                (value > limit).then(|| PlanError::Joint {
-                    joint: joint.name.clone(),
-                    what,
-                    value,
-                    limit,
-                })
-            };
-            let fastest = self.fastest(j);
-            let violated = exceeds("position", here.q[j], limits.upper)
-                .or(exceeds("position", -here.q[j], -limits.lower))
-                .or(exceeds("rate", here.qd[j].abs(), fastest))
-                .or(exceeds(
-                    "acceleration",
-                    here.qdd[j].abs(),
-                    self.limits.acceleration,
-                ))
-                .or(exceeds(
-                    "effort",
-                    efforts[j].abs(),
-                    limits.effort * self.limits.effort,
-                ));
-            if let Some(error) = violated {
-                return Err(error);
-            }
-        }
-        Ok(())
-    }
-}
-
-/// How near to a plan a failure is.
-fn rank(error: &PlanError) -> u8 {
-    match error {
-        PlanError::Unknown(_) => 0,
-        PlanError::NotReached { .. } => 1,
-        PlanError::Singular { .. } => 2,
-        PlanError::Clearance { .. } => 3,
-        PlanError::Joint { .. } => 4,
     }
 }

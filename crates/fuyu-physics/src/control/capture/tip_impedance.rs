@@ -95,10 +95,7 @@ impl TipImpedance {
         TipReport {
             position_error: goal.X.translation.vector - X_IE.translation.vector,
             rotation_error: nalgebra::UnitQuaternion::from(turn).scaled_axis(),
-            twist_error: Twist::new(
-                goal.V.angular - V.angular,
-                goal.V.linear - V.linear,
-            ),
+            twist_error: Twist::new(goal.V.angular - V.angular, goal.V.linear - V.linear),
         }
     }
 

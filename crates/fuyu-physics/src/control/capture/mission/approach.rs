@@ -2,7 +2,8 @@
 
 use super::grasp::Closing;
 use super::{AfterStop, CaptureMission, LARGEST_DEVIATION, Phase, Stage};
-use crate::control::capture::rendezvous::{Plan, PlanError, Rendezvous, Start};
+use crate::control::capture::plan::{Plan, PlanError, Start};
+use crate::control::capture::rendezvous::Rendezvous;
 use crate::control::capture::{FrameMotion, Objective};
 
 /// Time between two searches for a plan \[s\].
@@ -80,7 +81,8 @@ impl CaptureMission {
             return Stage::Plan { next: time };
         }
         let waits = reason.clone();
-        self.note = waits.unwrap_or_else(|| format!("{:.0} s of observation", self.config.observe_time));
+        self.note =
+            waits.unwrap_or_else(|| format!("{:.0} s of observation", self.config.observe_time));
         self.give_up_waiting(time, reason).unwrap_or(Stage::Observe)
     }
 
@@ -90,9 +92,9 @@ impl CaptureMission {
         if time - begun <= self.config.observe_timeout {
             return None;
         }
-        let reason = (self.lost(time)).or(reason).unwrap_or_else(|| {
-            "the target has not been observed for long enough".to_owned()
-        });
+        let reason = (self.lost(time))
+            .or(reason)
+            .unwrap_or_else(|| "the target has not been observed for long enough".to_owned());
         Some(self.stop(AfterStop::Abort(format!(
             "no approach within {:.0} s: {reason}",
             self.config.observe_timeout
@@ -114,7 +116,11 @@ impl CaptureMission {
                 let report = self.report();
                 report.set("duration of the approach", plan.arrival - plan.start, "s");
                 report.set("planned turn of the base", plan.base_turn, "rad");
-                report.set("planned clearance of the target", plan.distances.keep_out, "m");
+                report.set(
+                    "planned clearance of the target",
+                    plan.distances.keep_out,
+                    "m",
+                );
                 self.enter(time, Phase::Approach, "a rendezvous is planned");
                 Stage::Approach {
                     plan: Box::new(plan),
@@ -155,9 +161,7 @@ impl CaptureMission {
             }
             match self.plan_to(&start, arrival, None) {
                 Ok(plan) => {
-                    let is_better = |b: &Plan| {
-                        plan.base_turn.abs() < b.base_turn.abs()
-                    };
+                    let is_better = |b: &Plan| plan.base_turn.abs() < b.base_turn.abs();
                     if best.as_ref().is_none_or(is_better) {
                         best = Some(plan);
                     }
@@ -241,7 +245,11 @@ impl CaptureMission {
         if time >= plan.arrival - 1e-9 {
             let turn = self.own.state().R_WB.angle_to(&plan.R_IB);
             self.report().set("base attitude off the plan", turn, "rad");
-            self.enter(time, Phase::Grasp, "the tip is at its distance and moves with the target");
+            self.enter(
+                time,
+                Phase::Grasp,
+                "the tip is at its distance and moves with the target",
+            );
             self.attempt = 1;
             return Stage::Close(Closing::begin(&self.config, time, self.config.standoff));
         }

@@ -218,7 +218,8 @@ impl CaptureMission {
             return self.missed(closing, reason);
         };
         let moved = (after.0 - before.0).norm();
-        self.report().set("motion in the grasp while pulled", moved, "m");
+        self.report()
+            .set("motion in the grasp while pulled", moved, "m");
         if moved < 0.5 * pull.way {
             let turn = UnitQuaternion::from_scaled_axis(after.1);
             let X_EG = Pose::from_parts(after.0.into(), turn.to_rotation_matrix());
@@ -240,11 +241,16 @@ impl CaptureMission {
         report.set("attempts", attempt, "");
         report.set("time of the grasp", pull.begin, "s");
         report.set("distance at the grasp", pull.closed_at.0, "m");
-        let com = self.track.center_in_grasp_frame().unwrap_or_else(Vector3::zeros);
+        let com = self
+            .track
+            .center_in_grasp_frame()
+            .unwrap_or_else(Vector3::zeros);
         let (mass, gyration) = self.config.presumed;
         // Tip and grasp frame coincide.
         if self.take(presumed(mass, com, gyration)).is_err() {
-            return self.stop(AfterStop::Abort("the presumed payload is no body".to_owned()));
+            return self.stop(AfterStop::Abort(
+                "the presumed payload is no body".to_owned(),
+            ));
         }
         if let Some(held) = &mut self.held {
             held.X_EG = X_EG;

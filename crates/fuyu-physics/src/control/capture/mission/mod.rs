@@ -13,12 +13,13 @@ use std::collections::VecDeque;
 
 use nalgebra::{DVector, UnitQuaternion, Vector3};
 
+use super::Clearance;
 use super::own_motion::{OwnMotion, inertial_state};
 use super::payload::with_payload;
-use super::rendezvous::{Plan, RendezvousPlanner};
+use super::plan::Plan;
+use super::rendezvous::RendezvousPlanner;
 use super::target_track::{RotationForecast, TargetTrack};
 use super::tip_impedance::TipImpedance;
-use super::Clearance;
 use crate::control::commander::{JointDuty, JointPoint, JointServo, JointSpline};
 use crate::control::gains::ConfigError;
 use crate::dynamics::Workspace;
@@ -554,12 +555,8 @@ impl CaptureMission {
         let efforts = match &mut self.held {
             Some(held) => {
                 let attitude = (own.R_WB, self.own.w_IB_B());
-                let state = inertial_state(
-                    &mut held.workspace,
-                    own.time,
-                    attitude,
-                    (&own.q, &own.qd),
-                );
+                let state =
+                    inertial_state(&mut held.workspace, own.time, attitude, (&own.q, &own.qd));
                 held.servo.efforts(&state, &duties, &self.reference)
             }
             None => self.servo.efforts(own, &duties, &self.reference),
@@ -591,4 +588,3 @@ impl CaptureMission {
         Ok(())
     }
 }
-

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::{AfterStop, CaptureMission, Gripper, Phase, Stage};
-use crate::control::capture::rendezvous::{quintic, quintic_at};
+use crate::control::capture::plan::{quintic, quintic_at};
 use crate::control::capture::{Detumbler, Excitation, inertial_state, payload};
 use crate::control::commander::{JointPoint, JointSpline};
 use crate::estimation::inertia::{GyroSample, identify};
@@ -122,7 +122,8 @@ impl CaptureMission {
         let w = *self.own.w_IB_B();
         let rate = w.norm();
         detumbling.rates = (detumbling.rates.0.max(rate), rate);
-        self.report().raise("largest angular velocity", rate, "rad/s");
+        self.report()
+            .raise("largest angular velocity", rate, "rad/s");
         if self.is_paused {
             detumbling.calm_since = None;
             return Stage::Detumble(detumbling);
@@ -165,7 +166,11 @@ impl CaptureMission {
         self.couple = (shared.thrusters, shared.wheels);
         let report = self.report();
         report.raise("largest angular momentum", momentum.norm(), "N m s");
-        report.raise("largest predicted force at the grasp", shared.grasp.force.norm(), "N");
+        report.raise(
+            "largest predicted force at the grasp",
+            shared.grasp.force.norm(),
+            "N",
+        );
         report.raise(
             "largest predicted torque at the grasp",
             shared.grasp.torque.norm(),
@@ -188,12 +193,7 @@ impl CaptureMission {
         let amplitudes: Vec<f64> = self.config.amplitudes(n);
         let amplitudes: Vec<f64> = amplitudes.iter().map(|a| a * scale).collect();
         Stage::Identify(Identifying {
-            excitation: Excitation::new(
-                time,
-                self.config.excitation_time,
-                &positions,
-                &amplitudes,
-            ),
+            excitation: Excitation::new(time, self.config.excitation_time, &positions, &amplitudes),
             begin: time,
             is_again: !samples.is_empty(),
             earlier: samples.len(),
@@ -268,9 +268,9 @@ impl CaptureMission {
     /// A pause: joints come to rest, and the excitation begins anew afterwards.
     fn pause_identification(&mut self, time: f64, identifying: Identifying) -> Stage {
         let mut identifying = identifying;
-        let rest = identifying.rest.get_or_insert_with(|| {
-            Box::new(JointSpline::stop(&self.model, time, &self.reference))
-        });
+        let rest = identifying
+            .rest
+            .get_or_insert_with(|| Box::new(JointSpline::stop(&self.model, time, &self.reference)));
         for (j, point) in self.reference.iter_mut().enumerate() {
             *point = rest.at(j, time);
         }
@@ -290,7 +290,11 @@ impl CaptureMission {
         report.set("condition", found.excitation.condition, "");
         report.set("residual of the gyro", found.residual, "rad/s");
         report.set("mass", rigid.mass, "kg");
-        report.set("standard deviation of the mass", found.covariance.mass(), "kg");
+        report.set(
+            "standard deviation of the mass",
+            found.covariance.mass(),
+            "kg",
+        );
         let limit = self.config.condition_limit;
         if found.excitation.condition > limit {
             return Err(format!(
@@ -301,7 +305,10 @@ impl CaptureMission {
         let valid = match rigid.check() {
             Ok(()) => rigid,
             // Noise may break the triangle inequality of a flat body.
-            Err(e) => rigid.nearest_valid().map(|(valid, _)| valid).ok_or_else(|| e.to_string())?,
+            Err(e) => rigid
+                .nearest_valid()
+                .map(|(valid, _)| valid)
+                .ok_or_else(|| e.to_string())?,
         };
         self.take(valid).map_err(|e| e.to_string())?;
         Ok(rigid.mass)
