@@ -1,5 +1,6 @@
 //! `fuyu simulate`: a scenario's closed loop without DDS.
 
+mod mission;
 mod tables;
 
 use std::{collections::BTreeMap, path::PathBuf, time::Instant};
@@ -11,9 +12,9 @@ use crate::{
     bag::BagError,
     control::ConvergenceFailure,
     experiments::{
-        Event, EventWatch, FinalState, Fleet, Performance, Recorded, SimulatedBag, Summary,
+        ClosedLoop, Event, EventWatch, FinalState, Fleet, Performance, Recorded, SimulatedBag, Summary,
     },
-    nodes::{dynamics::World, scenario::Scenario},
+    nodes::scenario::Scenario,
 };
 use tables::{table, table_of_parts};
 
@@ -45,14 +46,18 @@ struct Report<'a> {
     summary: &'a Summary,
     r#final: FinalState,
     events: &'a [Event],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mission: Option<Vec<mission::PhaseSummary>>,
 }
 
 impl<'a> Report<'a> {
-    fn new(world: &World, summary: &'a Summary, events: &'a EventWatch) -> Self {
+    fn new(closed_loop: &ClosedLoop, summary: &'a Summary, events: &'a EventWatch) -> Self {
+        let world = &closed_loop.world;
         Self {
             summary,
             r#final: FinalState::of(world),
             events: events.events(),
+            mission: closed_loop.mission().map(mission::phases),
         }
     }
 }
@@ -237,7 +242,7 @@ fn json(
     let runs = fleet.robots().zip(summaries).zip(observed);
     let robots: BTreeMap<_, _> = runs
         .map(|(((namespace, closed_loop), summary), observed)| {
-            let report = Report::new(&closed_loop.world, summary, &observed.events);
+            let report = Report::new(closed_loop, summary, &observed.events);
             (namespace, report)
         })
         .collect();
@@ -256,7 +261,9 @@ fn text(scenario: &str, fleet: &Fleet, observed: &[Observed], summaries: &[Summa
             1 => scenario,
             _ => namespace,
         };
-        table(name, summary) + &table_of_parts(&closed_loop.world, observed.events.events())
+        let parts = table_of_parts(&closed_loop.world, observed.events.events());
+        let phases = closed_loop.mission().map(mission::lines);
+        table(name, summary) + &parts + &phases.unwrap_or_default()
     });
     tables.collect::<Vec<_>>().join("\n")
 }

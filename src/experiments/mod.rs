@@ -3,9 +3,11 @@
 mod bag_check;
 mod bag_plot;
 mod balance;
+mod capturing;
 mod chart;
 mod closed_loop;
 mod continuous_loop;
+mod estimation_loop;
 mod estimation_plot;
 mod events;
 mod final_state;
@@ -38,12 +40,14 @@ pub mod tracking;
 pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;
 pub use balance::{Balance, MomentumResidual};
+pub use capturing::{CaptureAnswer, Capturing};
 pub use chart::{
     ChartError, Dots, Figure, MapFigure, MapPanel, MapScale, Mark, Marks, Panel, PlaneFigure,
     Series, ShapeFigure, ShapePanel,
 };
 pub use closed_loop::{Answer, AttitudeAnswer, ClosedLoop, Moment};
 pub use continuous_loop::ContinuousLoop;
+pub use estimation_loop::EstimationLoop;
 pub use events::{Event, EventWatch};
 pub use final_state::{
     FinalAppendage, FinalMomentum, FinalMotor, FinalState, FinalTarget, FinalWheel,

@@ -17,7 +17,7 @@ use crate::{
             momentum, odometry, star_tracker_message, target_joint_states, wheel_states,
         },
         features::feature_frame_to_msg,
-        teleop, topics,
+        mission, teleop, topics,
     },
     ros::Time,
 };
@@ -144,7 +144,11 @@ struct ServoTopics {
     /// If the camera watches a target.
     features: Option<TopicId>,
     commands: TopicId,
-    state: TopicId,
+    /// Of a controller.
+    state: Option<TopicId>,
+    /// Of an estimator, and of a mission.
+    prediction: Option<TopicId>,
+    wrench: Option<TopicId>,
     messages: Option<ControllerMessages>,
 }
 
@@ -186,6 +190,7 @@ impl RobotTopics {
                 None => None,
             },
             external_impulse: match run.world.is_acted_on()
+                || run.mission().is_some()
                 || run.world.graspable_targets().next().is_some()
             {
                 true => Some(w.add(&topics::EXTERNAL_IMPULSE)?),
@@ -202,7 +207,18 @@ impl RobotTopics {
                         false => None,
                     },
                     commands: w.add(&topics::JOINT_COMMANDS)?,
-                    state: w.add(&topics::CONTROLLER_STATE)?,
+                    state: match run.mission() {
+                        Some(_) => None,
+                        None => Some(w.add(&topics::CONTROLLER_STATE)?),
+                    },
+                    prediction: match run.mission() {
+                        Some(_) => Some(w.add(&topics::PREDICTION)?),
+                        None => None,
+                    },
+                    wrench: match run.mission() {
+                        Some(_) => Some(w.add(&topics::WRENCH)?),
+                        None => None,
+                    },
                     messages: None,
                 })
             } else {
@@ -305,7 +321,7 @@ impl SimulatedBag {
         if let (Some(topics), Some(answer)) = (&mut topics.attitude, &moment.attitude) {
             topics.write(&mut self.writer, time, answer)?;
         }
-        let (Some(servo), Some(answer)) = (&mut topics.servo, &moment.answer) else {
+        let Some(servo) = &mut topics.servo else {
             return Ok(());
         };
         let stamp = Time::from_secs_f64(time);
@@ -320,18 +336,44 @@ impl SimulatedBag {
                 w.write_message(servo.goal_pose, log, &goal)?;
             }
         }
-        for frame in answer.feature_frames {
+        let features = match (&moment.answer, &moment.capture) {
+            (Some(answer), _) => answer.feature_frames,
+            (None, Some(capture)) => capture.feature_frames,
+            (None, None) => &[],
+        };
+        for frame in features {
             if let Some(features) = servo.features {
                 let message = feature_frame_to_msg(frame, camera::CAMERA_FRAME);
                 w.write_message(features, log, &message)?;
             }
         }
+        if let Some(capture) = &moment.capture {
+            let header = std_msgs::Header {
+                stamp: stamp.into(),
+                frame_id: base.to_owned(),
+            };
+            if let Some(prediction) = servo.prediction {
+                for path in capture.predictions {
+                    w.write_message(prediction, log, path)?;
+                }
+            }
+            if let (Some(wrench), Some(couple)) = (servo.wrench, &capture.couple) {
+                let message = mission::couple(header.clone(), couple);
+                w.write_message(wrench, log, &message)?;
+            }
+            let model = capture.model;
+            let message = mission::efforts(model, header, &capture.efforts);
+            w.write_message(servo.commands, log, &message)?;
+        }
+        let (Some(answer), Some(state)) = (&moment.answer, servo.state) else {
+            return Ok(());
+        };
         let messages = servo
             .messages
             .get_or_insert_with(|| ControllerMessages::new(answer.control_loop.controller()));
         messages.write(answer.control_loop, &answer.report);
         w.write_message(servo.commands, log, &messages.command)?;
-        w.write_message(servo.state, log, &messages.state)
+        w.write_message(state, log, &messages.state)
     }
 
     /// Closes the bag.

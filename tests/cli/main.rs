@@ -15,6 +15,7 @@ mod fuyu;
 mod grasps;
 mod input_files;
 mod inspect;
+mod mission;
 mod reproduce;
 mod tracking;
 mod two_servicers;

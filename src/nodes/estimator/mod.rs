@@ -13,6 +13,7 @@ mod params;
 mod solver;
 
 pub use camera_attitude::StaticRotations;
+pub use messages::Snapshot;
 pub use params::EstimatorParams;
 
 use std::time::{Duration, Instant};
