@@ -192,7 +192,8 @@ impl MotionTracker {
             self.misfits.since = frame.time;
         }
         self.misfits.count += 1;
-        let is_confirmed = self.fits >= FITS_FOR_CONFIRMATION && !self.is_beyond_prediction(self.misfits.since);
+        let is_confirmed =
+            self.fits >= FITS_FOR_CONFIRMATION && !self.is_beyond_prediction(self.misfits.since);
         let loss = match is_confirmed {
             true => TrackLoss::MotionChanged(self.misfits.since),
             false => TrackLoss::Unconfirmed,
