@@ -99,11 +99,13 @@ fn the_sensor_measures_what_the_hand_exerts_on_the_arm() {
         touched += usize::from(f.norm() > 0.0);
         states.push((measured, X_WS, [p, l, f, t]));
     }
-    for three in states.windows(3) {
-        let [before, now, after] = three else {
+    for five in states.windows(5) {
+        let [first, before, now, after, last] = five else {
             unreachable!()
         };
-        let rate = |k: usize| (after.2[k] - before.2[k]) / (2.0 * dt);
+        // Central differences of fourth order.
+        let rate =
+            |k: usize| (8.0 * (after.2[k] - before.2[k]) - (last.2[k] - first.2[k])) / (12.0 * dt);
         // On the hand by the arm, about the sensor, whose sign is the other one.
         let force = -(rate(0) - now.2[2]);
         let about_origin = -(rate(1) - now.2[3]);
@@ -112,7 +114,9 @@ fn the_sensor_measures_what_the_hand_exerts_on_the_arm() {
         let off = (now.1.rotation * found.force - force).norm() / (1.0 + force.norm());
         let off_torque = (now.1.rotation * found.torque - torque).norm() / (1.0 + torque.norm());
         // Differences across the beginning and the end of the contact have an error of their own.
-        if before.2[2].norm() > 1.0 && after.2[2].norm() > 1.0 || before.2[2] == after.2[2] {
+        let in_contact = five.iter().all(|(_, _, of)| of[2].norm() > 1.0);
+        let apart = five.iter().all(|(_, _, of)| of[2].norm() == 0.0);
+        if in_contact || apart {
             assert!(
                 off < 3e-3 && off_torque < 3e-3,
                 "{off:e} {off_torque:e} {force} {torque}"

@@ -181,6 +181,7 @@ impl StateRow {
 }
 
 /// Refuses efforts that are not finite; they are one row per state, the first of state `first`.
+#[cfg(feature = "batch")]
 pub(super) fn check_efforts(model: &Model, efforts: &[f64], first: usize) -> Result<(), RowError> {
     let sum: f64 = efforts.iter().map(|x| x * 0.0).sum();
     if sum == 0.0 {
@@ -251,6 +252,12 @@ mod tests {
             error.starts_with("state 1: the attitude quaternion has the norm 1.0"),
             "{error}"
         );
+    }
+
+    #[cfg(feature = "batch")]
+    #[test]
+    fn efforts_that_are_not_finite_are_named() {
+        let (model, _) = state();
         let mut efforts = [0.0; 12];
         efforts[8] = f64::INFINITY;
         let error = check_efforts(&model, &efforts, 0).unwrap_err().to_string();

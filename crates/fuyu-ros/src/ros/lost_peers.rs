@@ -47,11 +47,11 @@ impl LostPeers {
             [] => "a DDS participant without nodes".to_owned(),
             nodes => nodes.join(", "),
         };
-        if !nodes.is_empty() {
-            tracing::warn!(
-                "lost {names}: nothing has arrived for the time of the lease; the network is interrupted, or the \
-                 process has died"
-            );
+        const CAUSE: &str = "nothing has arrived for the time of the lease; the network is interrupted, or the process has died";
+        // A participant without nodes may be known before the nodes that its process announces.
+        match nodes {
+            [] => tracing::info!("lost {names}: {CAUSE}"),
+            _ => tracing::warn!("lost {names}: {CAUSE}"),
         }
         let mut inner = self.lock();
         inner.lost.insert(prefix, (Instant::now(), names));

@@ -206,23 +206,26 @@ impl Imager {
 
     /// A line for each camera that is inside of a closed body in a shot, whose image shows nothing else.
     pub fn enclosed(&self, shot: &Shot) -> Vec<String> {
-        let cameras = self.params.cameras.iter().zip(&shot.cameras);
-        let lines = cameras.filter_map(|(spec, motion)| {
-            let p_W = motion.open * Point3::origin();
-            let around = shot.instances.iter().find(|instance| {
-                let p_M = instance.motion.open.inverse() * p_W;
-                instance.mesh.contains(&p_M.coords)
+        let cameras = self.params.cameras.iter().zip(&self.cameras);
+        let lines = cameras
+            .zip(&shot.cameras)
+            .filter_map(|((spec, camera), motion)| {
+                // Where the picture begins: a camera may sit on the surface of its own housing.
+                let p_W = motion.open * Point3::new(0.0, 0.0, camera.near);
+                let around = shot.instances.iter().find(|instance| {
+                    let p_M = instance.motion.open.inverse() * p_W;
+                    instance.mesh.contains(&p_M.coords)
+                });
+                let id = around?.id;
+                let body = match id {
+                    1 => "the robot",
+                    id => self.params.bodies[usize::from(id) - 2].as_str(),
+                };
+                Some(format!(
+                    "the camera '{}' is inside of a mesh of {body}; move its link {} out of it",
+                    spec.name, spec.link
+                ))
             });
-            let id = around?.id;
-            let body = match id {
-                1 => "the robot",
-                id => self.params.bodies[usize::from(id) - 2].as_str(),
-            };
-            Some(format!(
-                "the camera '{}' is inside of a mesh of {body}; move its link {} out of it",
-                spec.name, spec.link
-            ))
-        });
         lines.collect()
     }
 }

@@ -277,11 +277,11 @@ impl Radau {
         let mut converged = false;
         for iteration in 0..ITERATIONS {
             self.iterations = iteration + 1;
-            for i in 0..3 {
+            for (i, c) in C.iter().enumerate() {
                 for ((point, y), z) in self.point.iter_mut().zip(y).zip(&self.z[i]) {
                     *point = y + z;
                 }
-                equations.rates(C[i] * h, &self.point, &mut self.rates[i]);
+                equations.rates(c * h, &self.point, &mut self.rates[i]);
             }
             for k in 0..n {
                 let f = [self.rates[0][k], self.rates[1][k], self.rates[2][k]];
