@@ -114,7 +114,7 @@ fn write_image(
     match message {
         ImageMessage::Image(image) => writer.write_message(topic, log, image),
         ImageMessage::Compressed(image) => writer.write_message(topic, log, image),
-        ImageMessage::Info(info) => writer.write_message(topic, log, info),
+        ImageMessage::Info(info) => writer.write_message(topic, log, info.as_ref()),
     }
 }
 

@@ -5,7 +5,6 @@ use std::ops::Range;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::State;
-use crate::model::Model;
 
 /// Largest deviation of an attitude quaternion's norm from one.
 const NORM_TOLERANCE: f64 = 1e-6;
@@ -182,7 +181,11 @@ impl StateRow {
 
 /// Refuses efforts that are not finite; they are one row per state, the first of state `first`.
 #[cfg(feature = "batch")]
-pub(super) fn check_efforts(model: &Model, efforts: &[f64], first: usize) -> Result<(), RowError> {
+pub(super) fn check_efforts(
+    model: &crate::model::Model,
+    efforts: &[f64],
+    first: usize,
+) -> Result<(), RowError> {
     let sum: f64 = efforts.iter().map(|x| x * 0.0).sum();
     if sum == 0.0 {
         return Ok(());
@@ -199,6 +202,7 @@ pub(super) fn check_efforts(model: &Model, efforts: &[f64], first: usize) -> Res
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::Model;
     use nalgebra::DVector;
 
     fn state() -> (Model, State) {

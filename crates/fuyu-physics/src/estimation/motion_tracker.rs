@@ -181,6 +181,10 @@ impl MotionTracker {
             self.misfits.count = 0;
             self.fits = self.fits.saturating_add(1);
             let changed = self.changes.add(frame.time, &update.innovation)?;
+            eprintln!(
+                "DBG alarm at {} changed {} span {:?} fits {} det {:?} inn {:?}",
+                frame.time, changed, self.batch.span, self.fits, self.changes, update.innovation
+            );
             if self.is_beyond_prediction(changed) {
                 self.changes = ChangeDetector::new(frame.time);
                 return None;
@@ -201,11 +205,11 @@ impl MotionTracker {
         (self.misfits.count >= MISFITS_FOR_LOSS).then_some(loss)
     }
 
-    /// Whether `time` \[s\], since which the frames contradict the motion, is later after the batch than that is long. So
+    /// Whether `time` \[s\], since which the frames contradict the motion, is later after the batch than half of its length. So
     /// long a prediction fails without a change of the motion, when a slow computer has not solved the next batch yet.
     fn is_beyond_prediction(&self, time: f64) -> bool {
         let (first, last) = self.batch.span;
-        time - last > last - first
+        time - last > 0.5 * (last - first)
     }
 
     /// The motion, in inertial axes.

@@ -20,7 +20,7 @@ pub enum ImageMessage {
     /// A compressed image.
     Compressed(CompressedImage),
     /// The calibration.
-    Info(CameraInfo),
+    Info(Box<CameraInfo>),
 }
 
 /// What an output publishes.
@@ -155,7 +155,7 @@ pub fn infos(spec: &CameraSpec, time: f64) -> Vec<(usize, ImageMessage)> {
         let offset = if is_right { spec.baseline } else { 0.0 };
         (
             i,
-            ImageMessage::Info(info(spec, header(spec, time), offset)),
+            ImageMessage::Info(Box::new(info(spec, header(spec, time), offset))),
         )
     });
     messages.collect()

@@ -45,7 +45,7 @@ impl OutputPublisher {
             (Self::Compressed(publisher), ImageMessage::Compressed(image)) => {
                 publisher.publish(image);
             }
-            (Self::Info(publisher), ImageMessage::Info(info)) => publisher.publish(info),
+            (Self::Info(publisher), ImageMessage::Info(info)) => publisher.publish(info.as_ref()),
             _ => {}
         }
     }
