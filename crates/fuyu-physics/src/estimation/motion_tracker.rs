@@ -181,10 +181,6 @@ impl MotionTracker {
             self.misfits.count = 0;
             self.fits = self.fits.saturating_add(1);
             let changed = self.changes.add(frame.time, &update.innovation)?;
-            eprintln!(
-                "DBG alarm at {} changed {} span {:?} fits {} det {:?} inn {:?}",
-                frame.time, changed, self.batch.span, self.fits, self.changes, update.innovation
-            );
             if self.is_beyond_prediction(changed) {
                 self.changes = ChangeDetector::new(frame.time);
                 return None;
