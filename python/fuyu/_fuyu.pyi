@@ -249,12 +249,23 @@ def estimate(
     fy: float | None = None,
     cx: float,
     cy: float,
-    method: Literal["bundle", "masutani1995"] = "bundle",
+    method: Literal["bundle", "maximum_likelihood", "masutani1995"] = "bundle",
     pixel_noise: float = 0.3,
-    focal_length: bool = False,
     camera_rates: tuple[ArrayLike, ArrayLike] | None = None,
+    focal_deviation: float | None = None,
+    centre_deviation: float | None = None,
+    radial_deviation: float | None = None,
+    disturbance: float | None = None,
+    gyro_noise: float | None = None,
+    gyro_bias: float | None = None,
 ) -> MotionEstimate: ...
-def estimate_rates(t: ArrayLike, w: ArrayLike) -> MotionEstimate: ...
+def estimate_rates(
+    t: ArrayLike,
+    w: ArrayLike,
+    *,
+    method: Literal["maximum_likelihood", "masutani1995"] = "maximum_likelihood",
+    disturbance: float | None = None,
+) -> MotionEstimate: ...
 def bag_topics(bag: str | PathLike[str]) -> dict[str, tuple[str, int]]: ...
 def convert_bag(
     bag: str | PathLike[str], folder: str | PathLike[str], topics: Sequence[str] | None

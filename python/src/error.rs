@@ -63,6 +63,16 @@ pub fn positive(name: &str, value: f64) -> Result<f64, PyErr> {
     }
 }
 
+/// Refuses a number that is negative, NaN or infinite.
+pub fn not_negative(name: &str, value: f64) -> Result<f64, PyErr> {
+    match value >= 0.0 && value.is_finite() {
+        true => Ok(value),
+        false => Err(input(format!(
+            "{name} is {value}; it must be zero or positive, and finite"
+        ))),
+    }
+}
+
 /// Refuses a number that is NaN or infinite.
 pub fn finite(name: &str, value: f64) -> Result<f64, PyErr> {
     match value.is_finite() {

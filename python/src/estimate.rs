@@ -1,6 +1,6 @@
 //! Estimation of a tumbling body's motion from arrays.
 
-use fuyu::estimation::bundle::{CameraMotion, Options};
+use fuyu::estimation::bundle::{CameraMotion, Options, Widths};
 use fuyu::estimation::{Estimated, EstimationMethod, Feature, FeatureFrame, Tracks};
 use fuyu::spatial::unwound;
 use fuyu::vision::Pinhole;
@@ -12,7 +12,7 @@ use numpy::{
 use pyo3::prelude::*;
 
 use crate::arrays::{Given, array, check_finite, shaped};
-use crate::error::{choose, finite, input, positive};
+use crate::error::{choose, finite, input, not_negative, positive};
 
 /// One element and one row of numbers for each of several things.
 type Rows<'py, T> = (Bound<'py, PyArray1<T>>, Bound<'py, PyArray2<f64>>);
@@ -30,11 +30,19 @@ pub struct MotionEstimate {
 ///
 /// `t` [s], `id`, `u`, `v` [px, pixel centres at integers] have one element per image point, shape (k,); points with the same time are
 /// a frame, frames are in the order of time. `fx`, `fy`, `cx`, `cy` [px] are the camera's; `fy` is `fx` by default. `method` is
-/// bundle or masutani1995. `pixel_noise` [px] is the standard deviation of an image coordinate. With `focal_length` the focal length is
-/// estimated too. `camera_rates` is (times, shape (j,) [s], angular velocities of the camera in its own axes, shape (j, 3) [rad/s]) of a
-/// gyro; without it the camera does not rotate. The interpreter's lock is released.
+/// bundle, maximum_likelihood or masutani1995. `pixel_noise` [px] is the standard deviation of an image coordinate.
+/// `camera_rates` is (times, shape (j,) [s], angular velocities of the camera in its own axes, shape (j, 3) [rad/s]) of a gyro;
+/// without it the camera does not rotate.
+///
+/// The other numbers are standard deviations of what is estimated too, by the method bundle: `focal_deviation`, relative to the focal
+/// length; `centre_deviation` of the principal point, over the focal length; `radial_deviation` of the first radial coefficient of
+/// distortion; `disturbance` [rad/s2], the body's angular acceleration by torques; `gyro_noise` [rad/sqrt(s)] and `gyro_bias`
+/// [rad/s]. With 0 it is known exactly; the defaults are those of `fuyu estimate`. The interpreter's lock is released.
 #[pyfunction]
-#[pyo3(signature = (t, id, u, v, *, fx, fy = None, cx, cy, method = "bundle", pixel_noise = 0.3, focal_length = false, camera_rates = None))]
+#[pyo3(signature = (
+    t, id, u, v, *, fx, fy = None, cx, cy, method = "bundle", pixel_noise = 0.3, camera_rates = None, focal_deviation = None,
+    centre_deviation = None, radial_deviation = None, disturbance = None, gyro_noise = None, gyro_bias = None
+))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
 pub fn estimate<'py>(
     py: Python<'py>,
@@ -48,8 +56,13 @@ pub fn estimate<'py>(
     cy: f64,
     method: &str,
     pixel_noise: f64,
-    focal_length: bool,
     camera_rates: Option<(Given<'py>, Given<'py>)>,
+    focal_deviation: Option<f64>,
+    centre_deviation: Option<f64>,
+    radial_deviation: Option<f64>,
+    disturbance: Option<f64>,
+    gyro_noise: Option<f64>,
+    gyro_bias: Option<f64>,
 ) -> PyResult<MotionEstimate> {
     let [t, u, v] = [("t", &t), ("u", &u), ("v", &v)].map(|(name, given)| column(name, given));
     let (t, u, v) = (t?, u?, v?);
@@ -70,9 +83,22 @@ pub fn estimate<'py>(
         cy,
     };
     camera.check().map_err(input)?;
+    let mut widths = Widths::default();
+    for (name, given, width) in [
+        ("focal_deviation", focal_deviation, &mut widths.focal),
+        ("centre_deviation", centre_deviation, &mut widths.centre),
+        ("radial_deviation", radial_deviation, &mut widths.radial),
+        ("disturbance", disturbance, &mut widths.acceleration),
+        ("gyro_noise", gyro_noise, &mut widths.gyro_noise),
+        ("gyro_bias", gyro_bias, &mut widths.gyro_bias),
+    ] {
+        if let Some(given) = given {
+            *width = not_negative(name, given)?;
+        }
+    }
     let options = Options {
         pixel_noise: positive("pixel_noise", pixel_noise)?,
-        estimate_focal_length: focal_length,
+        widths,
         camera_motion: match &camera_rates {
             None => CameraMotion::Fixed,
             Some((times, rates)) => CameraMotion::Rates(timed_rates("camera_rates", times, rates)?),
@@ -87,18 +113,35 @@ pub fn estimate<'py>(
 }
 
 /// Estimates the motion of a tumbling body from its angular velocity `w`, shape (k, 3) [rad/s], in inertial axes at times `t`, shape (k,)
-/// [s] (Masutani 1995, chapter 2).
+/// [s]. `method` is maximum_likelihood, which has a covariance, or masutani1995 (chapter 2 of the thesis). `disturbance` [rad/s2] is the
+/// standard deviation of the body's angular acceleration by torques (maximum_likelihood).
 #[pyfunction]
+#[pyo3(signature = (t, w, *, method = "maximum_likelihood", disturbance = None))]
 pub fn estimate_rates<'py>(
     py: Python<'py>,
     t: Given<'py>,
     w: Given<'py>,
+    method: &str,
+    disturbance: Option<f64>,
 ) -> PyResult<MotionEstimate> {
     let rates = timed_rates("w", &t, &w)?;
-    let found = py.detach(|| fuyu::estimation::from_rates(&rates));
-    Ok(MotionEstimate {
-        estimated: found.map_err(input)?,
-    })
+    let mut widths = Widths::default();
+    if let Some(disturbance) = disturbance {
+        widths.acceleration = not_negative("disturbance", disturbance)?;
+    }
+    let for_rates: Vec<_> = EstimationMethod::NAMES
+        .into_iter()
+        .filter(|(_, method)| *method != EstimationMethod::Bundle)
+        .collect();
+    let found = match choose("method", &for_rates, method)? {
+        EstimationMethod::Masutani1995 => py
+            .detach(|| fuyu::estimation::from_rates(&rates))
+            .map_err(input)?,
+        _ => py
+            .detach(|| fuyu::estimation::fit_rates(&rates, &widths))
+            .map_err(input)?,
+    };
+    Ok(MotionEstimate { estimated: found })
 }
 
 /// One number per image point.
@@ -213,14 +256,14 @@ impl MotionEstimate {
         self.estimated.diagnosis.clone()
     }
 
-    /// The estimated focal length [px], or that of the camera; None for masutani1995.
+    /// The estimated focal length [px], or that of the camera; None for other methods than bundle.
     #[getter]
     fn focal_length(&self) -> Option<f64> {
         self.estimated.solution.as_ref().map(|s| s.camera.fx)
     }
 
     /// Ids, shape (k,), and positions in body axes, shape (k, 3) [mean depth of the points], of the body's feature points; None for
-    /// masutani1995.
+    /// other methods than bundle.
     #[getter]
     fn points<'py>(&self, py: Python<'py>) -> PyResult<Option<Rows<'py, u64>>> {
         let Some(solution) = &self.estimated.solution else {
@@ -273,8 +316,8 @@ impl MotionEstimate {
         shaped(py, values, shape)
     }
 
-    /// Covariance of the rotation from the time `start` to the time `end` [s], shape (3, 3) [rad2]: of the rotation vector of its error, in
-    /// body axes at `end`. None for masutani1995.
+    /// Covariance of the rotation from the time `start` to the time `end` [s], shape (3, 3) [rad2]: of the rotation vector of its error
+    /// in I, where estimate = exp(error) truth. None for masutani1995.
     fn turn_covariance<'py>(
         &self,
         py: Python<'py>,
@@ -282,10 +325,10 @@ impl MotionEstimate {
         end: f64,
     ) -> PyResult<Option<Bound<'py, PyArrayDyn<f64>>>> {
         let (start, end) = (finite("start", start)?, finite("end", end)?);
-        let Some(solution) = &self.estimated.solution else {
+        let Some(state) = &self.estimated.state else {
             return Ok(None);
         };
-        let covariance = solution.turn_covariance(start, end);
+        let covariance = state.covariance_between(start, end);
         let rows = covariance.transpose().as_slice().to_vec();
         shaped(py, rows, vec![3, 3]).map(Some)
     }

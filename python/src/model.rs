@@ -402,7 +402,7 @@ pub fn set_wrenches(
         let wrench = fuyu::spatial::Wrench::new([tx, ty, tz].into(), [fx, fy, fz].into());
         let at_body = wrench.shifted_to_parent(&frame.X_BF);
         let sum = &mut acting.wrenches[frame.body];
-        *sum = *sum + at_body;
+        *sum += at_body;
     }
     Ok(())
 }

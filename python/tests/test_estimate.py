@@ -106,9 +106,31 @@ def test_the_camera_may_rotate(truth, tracks):
     assert found.angular_velocity(10.0) == pytest.approx(truth[1][20], abs=0.01)
 
 
+def test_what_is_exact_is_not_estimated(tracks):
+    exact = {"focal_deviation": 0, "centre_deviation": 0, "radial_deviation": 0, "disturbance": 0}
+    found, estimated = (fuyu.estimate(*tracks, fx=FOCAL, cx=CENTRE, cy=CENTRE, **known) for known in [exact, {}])
+    assert found.focal_length == FOCAL != estimated.focal_length
+    # Less is known of a body before a camera that is not calibrated exactly.
+    exact, estimated = (np.trace(e.turn_covariance(30.0, 60.0)) for e in [found, estimated])
+    assert 0 < exact < estimated
+
+
 def test_angular_velocities_suffice(truth):
     t = 0.5 * np.arange(121)
-    found = fuyu.estimate_rates(t, truth[1])
+    noise = np.random.default_rng(1).normal(0.0, 0.002, (61, 3))
+    found = fuyu.estimate_rates(t[:61], truth[1][:61] + noise)
+    assert (found.method, found.model) == ("maximum_likelihood", "asymmetric")
+    # Predicted for half a minute, and as good as it claims.
+    assert found.angular_velocity(t) == pytest.approx(truth[1], abs=0.005)
+    conjugate = np.array([-1, -1, -1, 1])
+    turn, true_turn = (product(q[1], q[0] * conjugate) for q in [found.attitude([30.0, 60.0]), truth[0][[60, 120]]])
+    deviation = np.sqrt(np.trace(found.turn_covariance(30.0, 60.0)))
+    assert angle(turn, true_turn) < 4 * deviation < 0.5
+
+
+def test_the_method_of_the_thesis_is_an_option(truth):
+    t = 0.5 * np.arange(121)
+    found = fuyu.estimate_rates(t, truth[1], method="masutani1995")
     assert found.method == "masutani1995" and found.turn_covariance(0, 1) is None
     # From 121 samples without noise the thesis's method finds the rates of 0.4 rad/s to 5 %.
     assert found.angular_velocity(t) == pytest.approx(truth[1], abs=0.02)
@@ -129,6 +151,8 @@ def test_wrong_tracks_are_refused(tracks):
         (lambda: fuyu.estimate([], [], [], [], **camera), "the tracks are empty"),
         (lambda: fuyu.estimate(t, ids, u, v, fx=-1, cx=0, cy=0), "camera: fx is -1 px; it must be positive"),
         (lambda: fuyu.estimate(t, ids, u, v, method="kalman", **camera), "method: 'kalman' is not one of bundle"),
+        (lambda: fuyu.estimate(t, ids, u, v, gyro_bias=-1, **camera), "gyro_bias is -1; it must be zero or positive"),
+        (lambda: fuyu.estimate_rates([0, 1], np.ones((2, 3)), method="bundle"), "method: 'bundle' is not one of masut"),
         (lambda: fuyu.estimate_rates(t[:5], np.zeros((5, 2))), r"`w` has the shape \[5, 2\]; it must be \(5, 3\)"),
         (lambda: fuyu.estimate_rates([0, 1, 1], np.ones((3, 3))), r"`times\[2\]` is 1 s"),
     ]:

@@ -2,6 +2,8 @@
 
 use std::time::{Duration, Instant};
 
+/// Clients whose delays are remembered.
+const REMEMBERED: usize = 64;
 /// Fastest drift between the clocks of client and server that is followed \[s/s\].
 const DRIFT: f64 = 1e-3;
 
@@ -12,13 +14,15 @@ pub struct Control<C> {
     holder: Option<Holder<C>>,
     /// The last client that was silent for too long. What it has sent in the meantime must not give it control again.
     silent: Option<C>,
+    /// Delays of the clients that have had control, the last one at the end. A client that takes it again after the network was
+    /// stalled has commands on their way that are as late as those before.
+    delays: Vec<(C, Delay)>,
 }
 
 #[derive(Debug)]
 struct Holder<C> {
     client: C,
     heard: Instant,
-    delay: Delay,
 }
 
 impl<C: Copy + PartialEq> Control<C> {
@@ -28,6 +32,7 @@ impl<C: Copy + PartialEq> Control<C> {
             timeout,
             holder: None,
             silent: None,
+            delays: Vec::new(),
         }
     }
 
@@ -37,15 +42,22 @@ impl<C: Copy + PartialEq> Control<C> {
             Some(holder) if holder.client == client => holder.heard = now,
             Some(_) => return false,
             None => {
-                self.holder = Some(Holder {
-                    client,
-                    heard: now,
-                    delay: Delay::default(),
-                });
+                self.holder = Some(Holder { client, heard: now });
                 self.silent = None;
+                self.remember(client);
             }
         }
         true
+    }
+
+    /// Puts the delays of `client` at the end, where those of the client in control are.
+    fn remember(&mut self, client: C) {
+        let known = self.delays.iter().position(|(known, _)| *known == client);
+        let delay = known.map_or(Delay::default(), |i| self.delays.remove(i).1);
+        if self.delays.len() >= REMEMBERED {
+            self.delays.remove(0);
+        }
+        self.delays.push((client, delay));
     }
 
     /// Whether a command that `client` publishes counts. If nobody has control, the client takes it by the command, unless it
@@ -70,8 +82,10 @@ impl<C: Copy + PartialEq> Control<C> {
     /// How much longer a message took than the fastest one of the client that has control \[s\]: `sent` by the client's
     /// clock, `received` by the server's.
     pub fn lateness(&mut self, sent: f64, received: f64) -> f64 {
-        let holder = self.holder.as_mut();
-        holder.map_or(0.0, |h| h.delay.excess(sent, received))
+        match (&self.holder, self.delays.last_mut()) {
+            (Some(_), Some((_, delay))) => delay.excess(sent, received),
+            _ => 0.0,
+        }
     }
 
     /// Takes control from `client`; returns whether it had it.
@@ -148,6 +162,35 @@ mod tests {
         // Another client need not ask first.
         assert_eq!(control.expire(at(9000)), Some('a'));
         assert!(control.command('b', at(9001)));
+    }
+
+    // The call that takes control again comes before commands that were held up with it.
+    #[test]
+    fn commands_are_late_too_after_control_was_taken_again() {
+        let mut control = Control::new(TIMEOUT);
+        let start = Instant::now();
+        let at = |ms: u64| start + Duration::from_millis(ms);
+        control.take('a', at(0));
+        assert_eq!(control.lateness(0.0, 0.1), 0.0);
+        assert_eq!(control.expire(at(1500)), Some('a'));
+        assert!(control.take('a', at(2000)));
+        assert!((control.lateness(0.4, 2.0) - 1.5).abs() < 0.01);
+        // Another client has delays of its own, and does not disturb those of the first.
+        control.release('a');
+        assert!(control.take('b', at(2100)));
+        assert_eq!(control.lateness(0.0, 5.0), 0.0);
+        control.release('b');
+        assert!(control.take('a', at(2200)));
+        assert!((control.lateness(2.0, 2.2) - 0.1).abs() < 0.01);
+    }
+
+    #[test]
+    fn the_memory_of_delays_is_bounded() {
+        let mut control = Control::new(TIMEOUT);
+        for client in 0..1000 {
+            assert!(control.take(client, Instant::now()) && control.release(client));
+        }
+        assert_eq!(control.delays.len(), REMEMBERED);
     }
 
     #[test]

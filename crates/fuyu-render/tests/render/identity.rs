@@ -45,7 +45,7 @@ fn images_are_the_same_for_any_number_of_threads() {
         pool.unwrap().install(images)
     };
     let one = with(1);
-    assert!(one.2.ids.iter().any(|id| *id == 12));
+    assert!(one.2.ids.contains(&12));
     for threads in [1, 2, 3, 7] {
         let other = with(threads);
         assert!(
