@@ -109,7 +109,8 @@ def test_the_camera_may_rotate(truth, tracks):
 def test_what_is_exact_is_not_estimated(tracks):
     exact = {"focal_deviation": 0, "centre_deviation": 0, "radial_deviation": 0, "disturbance": 0}
     found, estimated = (fuyu.estimate(*tracks, fx=FOCAL, cx=CENTRE, cy=CENTRE, **known) for known in [exact, {}])
-    assert found.focal_length == FOCAL != estimated.focal_length
+    assert found.focal_length == pytest.approx(FOCAL, rel=1e-12)
+    assert abs(estimated.focal_length - FOCAL) > 1e-6
     # Less is known of a body before a camera that is not calibrated exactly.
     exact, estimated = (np.trace(e.turn_covariance(30.0, 60.0)) for e in [found, estimated])
     assert 0 < exact < estimated

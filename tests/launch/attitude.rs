@@ -61,10 +61,10 @@ fn turns(bag: &std::path::Path) -> Vec<f64> {
 fn held_with(name: &str, domain: u16, config: &std::path::Path) -> (f64, Running) {
     let _domain = DomainClaim::new(domain);
     let mut launch = Running::launch(domain, config, &["--duration", DURATION]);
-    let mut own = program(name, domain);
+    let own = program(name, domain);
     let ended = launch.wait(Duration::from_secs(180));
     assert!(ended.code == Some(0), "{}\n{}", ended.stdout, ended.stderr);
-    own.interrupt().well();
+    own.kill_running();
     let turns = turns(&launch.bag());
     let last = &turns[turns.len().saturating_sub(1000)..];
     let largest = last.iter().copied().fold(0.0, f64::max);

@@ -51,7 +51,7 @@ fn a_python_node_replaces_the_controller() {
         own.arg(source("tests/launch/own_controller.py"))
             .env("ROS_DOMAIN_ID", domain.to_string())
             .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
-        let mut own = Running::start(own);
+        let own = Running::start(own);
         eventually(
             "the joints are where the program wants them",
             5 * PATIENCE,
@@ -63,7 +63,7 @@ fn a_python_node_replaces_the_controller() {
             },
         );
         launch.interrupt().well();
-        own.interrupt().well();
+        own.kill_running();
 
         let bag = launch.bag();
         assert!(
@@ -120,9 +120,9 @@ fn largest_rate_under_a_late_controller(domain: u16, answer_timeout: &str) -> f6
         .args(["-p", "damping:=[400.0, 100.0, 200.0, 10.0, 2.0, 2.0]"])
         .env("ROS_DOMAIN_ID", domain.to_string())
         .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
-    let mut own = Running::start(own);
+    let own = Running::start(own);
     launch.wait(5 * PATIENCE);
-    own.interrupt().well();
+    own.kill_running();
     let states = read::<JointState>(&launch.bag(), "/joint_states");
     let rates = states.iter().flat_map(|s| &s.velocity);
     rates.fold(0.0, |most, rate| rate.abs().max(most))

@@ -165,6 +165,16 @@ impl Running {
         }
     }
 
+    /// Ends a program that must still run, whose own end is not tested: rclpy sometimes waits forever when it is interrupted.
+    pub fn kill_running(mut self) {
+        if let Some(status) = self.child.try_wait().expect("it can be waited for") {
+            let (stdout, stderr) = self.said();
+            panic!("ended by itself with {status}\n{stdout}\n{stderr}");
+        }
+        self.signal("KILL");
+        self.wait(PATIENCE);
+    }
+
     /// Ends it with Ctrl-C.
     pub fn interrupt(&mut self) -> Ended {
         self.signal("INT");
