@@ -6,6 +6,8 @@
 //! that agree with all pixels, and from there in both directions along which the prediction changes most, as long as every
 //! point stays in its pixel. It uses Newton's method on high powers of the residuals, and no code of the estimator.
 
+use std::f64::consts::PI;
+
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix3x2, SMatrix, UnitQuaternion, Vector2, Vector3};
 
 use crate::tumbling::{Motion, View, prediction_errors};
@@ -272,6 +274,58 @@ pub const MISSED: [(f64, f64); 12] = [
     (0.95, 0.5),
     (0.95, 0.9),
 ];
+
+/// The difference of the predictions for two bodies that all pixels fit \[deg\], if one of them rotates about its middle axis. The other
+/// has other moments of inertia, which do not matter as long as it rotates about the same axis, and the largest angular velocity across that
+/// axis with which every point stays in its pixel in each frame. It has left the axis half a minute later.
+fn apart_from_middle_axis(e: f64) -> f64 {
+    let view = View {
+        duration: SEEN,
+        ..View::chapter_3(1024)
+    };
+    let truth = Motion::new(e, 0.0, 0.0, 0.8, Vector3::z());
+    let images = Images::new(view, &truth);
+    let times: Vec<f64> = (0..=100).map(|i| SEEN + 0.3 * f64::from(i)).collect();
+    let attitudes = truth.attitudes(&times);
+    let at = |t: f64| attitudes[((t - SEEN) / 0.3).round() as usize];
+    let along = truth.w_B.normalize();
+    let slender = Motion::new(0.35, 0.0, 0.0, 0.8, Vector3::z());
+    let mut farthest: f64 = 0.0;
+    for turn in 0..8 {
+        let aside = along.cross(&Vector3::ith(along.iamin(), 1.0)).normalize();
+        let about = UnitQuaternion::from_scaled_axis(along * (PI / 8.0 * f64::from(turn)));
+        let mut size = 0.1 * truth.w_B.norm();
+        let other = loop {
+            let mut motion = Motion {
+                J: slender.J,
+                ..truth
+            };
+            motion.w_B += about * aside * size;
+            let body = Body {
+                motion,
+                start: Vector3::new(0.0, 0.0, images.view.distance),
+                drift: Vector3::zeros(),
+                points: images.view.sphere(),
+            };
+            if images.residuals(&body).amax() < 0.5 {
+                break motion;
+            }
+            size *= 0.8;
+        };
+        farthest = farthest.max(prediction_errors(&other, SEEN, at).1);
+    }
+    farthest
+}
+
+/// Rotation about the middle axis, on the separatrix, is unstable.
+#[test]
+fn whole_pixels_of_half_a_minute_leave_rotation_about_the_middle_axis_open() {
+    for e in [0.35, 0.4, 0.45, 0.55, 0.9] {
+        let apart = apart_from_middle_axis(e);
+        println!("e {e}, s_alpha 0: {apart:.2} deg apart");
+        assert!(apart > 0.2, "e {e}: {apart}");
+    }
+}
 
 /// For nearly spherical bodies no estimate from these pixels can guarantee a prediction to 0.1 degrees: of two bodies that
 /// agree with the images, every estimate misses at least one by half of their difference or more. The search uses the

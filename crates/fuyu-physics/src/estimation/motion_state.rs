@@ -31,6 +31,9 @@ const LINEAR: f64 = 0.12;
 const DRAWS: usize = 60;
 const SEED: u64 = 20;
 
+/// Part of the spread of a few bodies of other shapes that is added in all directions.
+const FEW_DIRECTIONS: f64 = 0.9;
+
 /// Part of a sampled spread that is taken to be in all directions: for a small one, and more per radian of its
 /// deviation, as rotations in different directions mix.
 const ISOTROPIC: f64 = 0.15;
@@ -181,6 +184,17 @@ impl MotionState {
                 let error = self.turn_error(nominal, &R, other);
                 *sum += error * error.transpose() * *weight;
             }
+        }
+        // A few bodies show the size of the errors better than their directions.
+        let squares: f64 = others
+            .motions
+            .iter()
+            .map(|(weight, _)| weight * weight)
+            .sum();
+        let weights: f64 = others.motions.iter().map(|(weight, _)| weight).sum();
+        let share = weights * (FEW_DIRECTIONS + squares / (weights * weights).max(1e-12)).min(1.0);
+        for sum in &mut covariances {
+            *sum += Matrix3::identity() * (share * sum.trace() / 3.0);
         }
         for (sum, all) in covariances.iter_mut().zip(of_all) {
             let deviation = sum.trace().max(0.0).sqrt();

@@ -43,6 +43,10 @@ const AS_INDEPENDENT: f64 = 1.2;
 /// Largest ratio of residuals to the noise that is white over time.
 const AS_WHITE: f64 = 1.35;
 
+/// Above this ratio the solver starts again with other random samples, unless two starts agree to this share.
+const WELL: f64 = 1.06;
+const AGREE: f64 = 0.01;
+
 /// An outlier counts as a residual of this many times the noise.
 const OUTLIER: f64 = 6.0;
 
@@ -110,7 +114,8 @@ pub(super) fn solve(
         true => &[Initialisation::RateSearch],
         false => &[
             Initialisation::Structure,
-            Initialisation::OtherSamples,
+            Initialisation::OtherSamples(1),
+            Initialisation::OtherSamples(2),
             Initialisation::RelativeRotation,
             Initialisation::RateSearch,
         ],
@@ -119,6 +124,9 @@ pub(super) fn solve(
     let fits_noise = |b: &GlobalFit| {
         white.is_none_or(|white| b.residuals.deviation < AS_WHITE * white.max(assumed))
     };
+    // A little larger ones may be as well.
+    let fits_well =
+        |b: &GlobalFit| b.residuals.deviation < WELL * white.unwrap_or(first).max(assumed);
     let mut searched_reused_ids = false;
     let mut held = false;
     let most = assumed * f64::from(1 << DOUBLINGS);
@@ -129,9 +137,12 @@ pub(super) fn solve(
             .map(move |n| (initialisation, n))
     };
     for (initialisation, noise) in initialisations.iter().copied().flat_map(levels) {
-        let is_again = initialisation == Initialisation::OtherSamples;
+        let is_again = matches!(initialisation, Initialisation::OtherSamples(_));
         if (held && noise > first) || (is_again && !held) {
             continue;
+        }
+        if !is_again && best.as_ref().is_some_and(|b| held && fits_noise(b)) {
+            break;
         }
         // Structure with a higher noise adds nothing once most frames are resected, and little if tracks are short.
         let lasting = observations >= SHORT_TRACK * frames.ids.len();
@@ -146,7 +157,11 @@ pub(super) fn solve(
             orbit: options.orbit,
             with_points: options.with_points,
         };
-        let mut rng = StdRng::seed_from_u64(options.seed.wrapping_add(u64::from(is_again)));
+        let other = match initialisation {
+            Initialisation::OtherSamples(k) => k,
+            _ => 0,
+        };
+        let mut rng = StdRng::seed_from_u64(options.seed.wrapping_add(other));
         // With too small a noise the inlier gate rejects many correct points.
         let holds = |f: &GlobalFit| f.residuals.outliers < MOST_OUTLIERS && trusted(f);
         let good = |f: &GlobalFit| holds(f) && quiet(f);
@@ -173,7 +188,11 @@ pub(super) fn solve(
         }
         let Some(found) = found else { continue };
         held |= holds(&found);
-        let done = holds(&found) && fits_noise(&found);
+        let agrees = best.as_ref().is_some_and(|b| {
+            let (old, new) = (b.residuals.deviation, found.residuals.deviation);
+            is_again && fits_noise(&found) && (new - old).abs() < AGREE * old
+        });
+        let done = holds(&found) && (fits_well(&found) || agrees);
         let square = |b: &GlobalFit| {
             let share = b.residuals.outliers;
             b.residuals.deviation.powi(2) * (1.0 - share) + (OUTLIER * first).powi(2) * share
@@ -226,7 +245,7 @@ fn attempt(
     resected: &mut usize,
 ) -> Option<GlobalFit> {
     match initialisation {
-        Initialisation::Structure | Initialisation::OtherSamples => {
+        Initialisation::Structure | Initialisation::OtherSamples(_) => {
             let mut attempt_with = |thoroughness| {
                 from_structure(frames.clone(), settings, thoroughness, rng, resected)
             };
@@ -251,8 +270,8 @@ fn attempt(
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Initialisation {
     Structure,
-    /// The same with other random samples.
-    OtherSamples,
+    /// The same with other random samples, of this number.
+    OtherSamples(u64),
     RelativeRotation,
     RateSearch,
 }

@@ -20,8 +20,8 @@ const ENOUGH: usize = 60;
 /// Intervals of frames that differ by at most this share are equal.
 const EQUAL: f64 = 0.02;
 
-/// Median of a chi-squared variable of one degree of freedom.
-const MEDIAN: f64 = 0.455;
+/// Quantiles of the squares from which the noise is computed. Differences that contain an outlier are larger than most others.
+const QUANTILES: [f64; 2] = [0.15, 0.45];
 
 /// Standard deviation of the noise \[px\]. `None` if the motion between frames is not small, or there are too few points
 /// in consecutive frames.
@@ -62,14 +62,36 @@ fn course(window: &[FeatureFrame], id: u64) -> Option<[[f64; 2]; FIFTH.len()]> {
     Some(track)
 }
 
-/// Standard deviation from squares, most of which are of normal variables.
+/// Standard deviation from squares, some of which contain outliers.
+///
+/// Of the share `c` without outliers, `c F(x / s^2)` are below x, where F is the distribution of a chi-squared variable of one degree of
+/// freedom. Two quantiles give `s` whatever `c` is, as long as the squares with outliers are above both.
 fn deviation(mut squares: Vec<f64>) -> Option<f64> {
     if squares.len() < ENOUGH {
         return None;
     }
-    let middle = squares.len() / 2;
-    let (_, median, _) = squares.select_nth_unstable_by(middle, f64::total_cmp);
-    Some((*median / MEDIAN).sqrt())
+    squares.sort_by(f64::total_cmp);
+    let at = |share: f64| squares[(share * squares.len() as f64) as usize].sqrt();
+    let [low, high] = QUANTILES.map(at);
+    if low <= 0.0 {
+        return Some(0.0);
+    }
+    // F(x / s^2) is erf(sqrt(x / 2) / s). Without outliers the share below `high` is the quantile itself; more than all
+    // cannot be free of outliers.
+    let below = |x: f64, s: f64| libm::erf(x / (s * std::f64::consts::SQRT_2));
+    let ratio = |s: f64| below(low, s) / below(high, s);
+    let free_of_outliers = |s: f64| QUANTILES[1] / below(high, s);
+    // Both shares fall with growing `s`, their ratio from 1 to low / high.
+    let (mut least, mut most) = (high / 4.0, 100.0 * high);
+    for _ in 0..60 {
+        let middle = 0.5 * (least + most);
+        let wanted = QUANTILES[0] / QUANTILES[1];
+        match ratio(middle) > wanted && free_of_outliers(middle) < 1.0 {
+            true => least = middle,
+            false => most = middle,
+        }
+    }
+    Some(0.5 * (least + most))
 }
 
 #[cfg(test)]
@@ -96,6 +118,26 @@ mod tests {
             FeatureFrame::new(0.1 * f64::from(k), features.collect())
         });
         Tracks::new(frames).unwrap()
+    }
+
+    // 8 % of the points are anywhere: a quarter of third, a third of fifth differences contain one.
+    #[test]
+    fn outliers_do_not_count_as_noise() {
+        let mut rng = StdRng::seed_from_u64(5);
+        let clean = circles(0.05);
+        let frames = clean.frames().iter().map(|frame| {
+            let features = frame.features.iter().map(|f| match rng.random_bool(0.08) {
+                true => Feature {
+                    u: rng.random_range(0.0..1000.0),
+                    v: rng.random_range(0.0..1000.0),
+                    ..*f
+                },
+                false => *f,
+            });
+            FeatureFrame::new(frame.time, features.collect())
+        });
+        let found = white_noise(&Tracks::new(frames).unwrap()).unwrap();
+        assert!((found - 2.0).abs() < 0.25, "{found}");
     }
 
     #[test]
