@@ -2,7 +2,8 @@
 
 Everything is computed by the Rust library `fuyu`, to the bit. Units are SI; frames and axes are those of REP-103 and REP-105;
 quaternions are x, y, z, w. Errors are `InputError`, a `ValueError`, and `RunError`, a `RuntimeError`, with the text of the
-command line. `fuyu.gym` has Gymnasium environments, `fuyu.bags` recordings as Arrow tables.
+command line. `fuyu.gym` has Gymnasium environments, `Bag` reads recordings as Arrow tables,
+`Campaign` runs a scenario many times.
 
 >>> import fuyu
 >>> servicer = fuyu.Model.from_urdf("package://fuyu/urdf/servicer.urdf")
@@ -25,10 +26,12 @@ from ._fuyu import (
     estimate_rates,
 )
 from .bags import Bag
+from .campaign import Campaign
 
 __all__ = [
     "Bag",
     "Batch",
+    "Campaign",
     "Controller",
     "InputError",
     "Integrator",

@@ -3,6 +3,7 @@
 mod arrays;
 mod bag;
 mod batch;
+mod campaign;
 mod controller;
 mod error;
 mod estimate;
@@ -20,6 +21,8 @@ mod _fuyu {
     use super::bag::{bag_topics, convert_bag};
     #[pymodule_export]
     use super::batch::Batch;
+    #[pymodule_export]
+    use super::campaign::{CampaignFile, campaign_plots, campaign_summary, campaign_worker};
     #[pymodule_export]
     use super::controller::Controller;
     #[pymodule_export]

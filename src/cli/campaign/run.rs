@@ -3,6 +3,7 @@
 use std::{
     io::IsTerminal,
     num::NonZeroUsize,
+    ops::ControlFlow,
     path::PathBuf,
     time::{Duration, Instant},
 };
@@ -86,7 +87,8 @@ fn workers() -> Result<Workers, Failure> {
     let executable = std::env::current_exe();
     let executable = executable
         .map_err(|e| Failure::Runtime(format!("the executable's path is unknown: {e}")))?;
-    Ok(Workers::Processes(executable))
+    let command = [executable.into(), "campaign".into(), "worker".into()];
+    Ok(Workers::Processes(command.to_vec()))
 }
 
 fn processors() -> NonZeroUsize {
@@ -127,6 +129,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             &options,
             |progress| {
                 reporter.see(progress);
+                ControlFlow::Continue(())
             },
         )?;
         reporter.finish();
@@ -150,13 +153,14 @@ pub(super) fn run_range(args: &RangeArgs) -> Result<(), Failure> {
         jobs: args.jobs.get(),
         workers: workers()?,
     };
-    Ok(compute(
+    compute(
         &campaign,
         &dataset,
         args.first..=args.last,
         &options,
-        |_| {},
-    )?)
+        |_| ControlFlow::Continue(()),
+    )?;
+    Ok(())
 }
 
 /// Reports progress on stderr: a bar on a terminal, otherwise a line now and then.

@@ -1,9 +1,10 @@
 //! Many runs on the processors of one machine.
 
 use std::{
+    ffi::OsString,
     io::{BufRead, BufReader, Write},
-    ops::RangeInclusive,
-    path::{Path, PathBuf},
+    ops::{ControlFlow, RangeInclusive},
+    path::Path,
     process::{Child, ChildStdin, Command, Stdio},
     sync::{
         Mutex, PoisonError,
@@ -31,8 +32,9 @@ const TRIES: u32 = 3;
 pub enum Workers {
     /// In threads of this process. A run that hangs inside of one step, or ends the process, ends the campaign.
     Threads,
-    /// In processes of this executable, called as `EXECUTABLE campaign worker DIR`; see [`serve_worker`].
-    Processes(PathBuf),
+    /// In processes of this command (an executable and its first arguments), which is called with the dataset's folder as its last
+    /// argument, and calls [`serve_worker`]: `fuyu campaign worker DIR`, for example.
+    Processes(Vec<OsString>),
 }
 
 /// How a range of runs is computed.
@@ -53,8 +55,8 @@ pub struct Progress {
     pub total: u64,
 }
 
-/// Computes the runs of a range that `dataset` lacks. `progress` is called at the start and after each run. The rows do not
-/// depend on the order, nor on the options.
+/// Computes the runs of a range that `dataset` lacks, and returns how far it came. `progress` is called at the start and after
+/// each run; if it breaks, no further run starts. The rows do not depend on the order, nor on the options.
 ///
 /// # Errors
 /// [`CampaignError::Input`] if there are no such runs, [`CampaignError::Runtime`] if the dataset cannot be written; what is
@@ -64,8 +66,8 @@ pub fn run_range(
     dataset: &Dataset,
     range: RangeInclusive<u64>,
     options: &RangeOptions,
-    mut progress: impl FnMut(Progress),
-) -> Result<(), CampaignError> {
+    mut progress: impl FnMut(Progress) -> ControlFlow<()>,
+) -> Result<Progress, CampaignError> {
     let runs = campaign.runs();
     if range.is_empty() || *range.end() >= runs {
         return Err(CampaignError::Input(format!(
@@ -79,7 +81,9 @@ pub fn run_range(
     let mut writer = RangeWriter::new(dataset, range)?;
     let missing = writer.missing();
     let mut done = total - missing.len() as u64;
-    progress(Progress { done, total });
+    if progress(Progress { done, total }).is_break() {
+        return Ok(Progress { done, total });
+    }
     let jobs = options.jobs.clamp(1, missing.len().max(1));
     let queue = Mutex::new(missing.into_iter());
     let stop = AtomicBool::new(false);
@@ -105,18 +109,20 @@ pub fn run_range(
         let mut result = Ok(());
         for row in rows {
             match row.and_then(|row| writer.add(&row)) {
-                Ok(()) if result.is_ok() => {
+                Ok(()) => {
                     done += 1;
-                    progress(Progress { done, total });
+                    let goes_on = !stop.load(Ordering::Relaxed);
+                    if goes_on && progress(Progress { done, total }).is_break() {
+                        stop.store(true, Ordering::Relaxed);
+                    }
                 }
-                Ok(()) => {}
                 Err(e) => {
                     stop.store(true, Ordering::Relaxed);
                     result = result.and(Err(e));
                 }
             }
         }
-        result
+        result.map(|()| Progress { done, total })
     })
 }
 
@@ -126,7 +132,7 @@ enum Worker<'a> {
     Process {
         campaign: &'a Campaign,
         folder: &'a Path,
-        executable: &'a Path,
+        command: &'a [OsString],
         process: Option<WorkerProcess>,
     },
 }
@@ -135,24 +141,24 @@ impl<'a> Worker<'a> {
     fn new(campaign: &'a Campaign, folder: &'a Path, workers: &'a Workers) -> Self {
         match workers {
             Workers::Threads => Self::Thread(campaign, folder),
-            Workers::Processes(executable) => Self::Process {
+            Workers::Processes(command) => Self::Process {
                 campaign,
                 folder,
-                executable,
+                command,
                 process: None,
             },
         }
     }
 
     fn run(&mut self, run: u64) -> Result<Row, CampaignError> {
-        let (campaign, folder, executable, process) = match self {
+        let (campaign, folder, command, process) = match self {
             Self::Thread(campaign, folder) => return campaign.run_one(run, Some(folder)),
             Self::Process {
                 campaign,
                 folder,
-                executable,
+                command,
                 process,
-            } => (*campaign, *folder, *executable, process),
+            } => (*campaign, *folder, *command, process),
         };
         let (mut ended, first) = (String::new(), Instant::now());
         for attempt in 0..TRIES {
@@ -161,7 +167,7 @@ impl<'a> Worker<'a> {
             }
             let mut worker = match process.take() {
                 Some(worker) => worker,
-                None => WorkerProcess::start(executable, folder)?,
+                None => WorkerProcess::start(command, folder)?,
             };
             let start = Instant::now();
             // A process looks at the time itself after every state. This is for one that does not return.
@@ -208,10 +214,15 @@ struct WorkerProcess {
 }
 
 impl WorkerProcess {
-    fn start(executable: &Path, folder: &Path) -> Result<Self, CampaignError> {
-        let at = |e: String| CampaignError::Runtime(format!("{}: {e}", executable.display()));
+    fn start(command: &[OsString], folder: &Path) -> Result<Self, CampaignError> {
+        let Some((executable, arguments)) = command.split_first() else {
+            let empty = "the command of the workers is empty".to_owned();
+            return Err(CampaignError::Input(empty));
+        };
+        let name = Path::new(executable).display();
+        let at = |e: String| CampaignError::Runtime(format!("{name}: {e}"));
         let mut child = Command::new(executable)
-            .args(["campaign", "worker"])
+            .args(arguments)
             .arg(folder)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())

@@ -1,6 +1,6 @@
 //! Drawn parameters, rows and datasets of small campaigns.
 
-use std::{fs, os::unix::fs::PermissionsExt, path::PathBuf};
+use std::{fs, ops::ControlFlow::{Break, Continue}, os::unix::fs::PermissionsExt, path::PathBuf};
 
 use super::*;
 
@@ -292,7 +292,7 @@ fn what_goes_wrong_in_a_run_is_a_row() {
     let campaign = campaign(3, 0.5, lines).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let dataset = Dataset::create(&campaign, &folder.path().join("out")).unwrap();
-    run_range(&campaign, &dataset, 0..=2, &options(2), |_| {}).unwrap();
+    run_range(&campaign, &dataset, 0..=2, &options(2), |_| Continue(())).unwrap();
     let rows = dataset.rows().unwrap();
     assert_eq!(rows[0].verdict, Verdict::Failure);
     assert_eq!(
@@ -334,7 +334,30 @@ fn worker(folder: &Path, script: &str) -> Workers {
     let path = folder.join("worker.sh");
     fs::write(&path, format!("#!/bin/sh\n{script}\n")).unwrap();
     fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
-    Workers::Processes(path)
+    Workers::Processes(vec![path.into()])
+}
+
+#[test]
+fn a_range_may_be_ended_and_continued() {
+    let campaign = campaign(40, 0.1, DISPERSIONS).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = Dataset::create(&campaign, &folder.path().join("out")).unwrap();
+    let until = |least: u64| {
+        let control = move |p: Progress| match p.done >= least {
+            true => Break(()),
+            false => Continue(()),
+        };
+        run_range(&campaign, &dataset, 0..=39, &options(2), control).unwrap()
+    };
+    assert_eq!(until(0), Progress { done: 0, total: 40 });
+    // Runs that were being computed are kept.
+    let Progress { done, total: 40 } = until(5) else {
+        unreachable!("the range has 40 runs")
+    };
+    assert!((5..=9).contains(&done), "{done}");
+    assert_eq!(dataset.rows().unwrap().len() as u64, done);
+    assert_eq!(until(41).done, 40);
+    assert_eq!(dataset.rows().unwrap().len(), 40);
 }
 
 #[test]
@@ -355,7 +378,7 @@ fn a_process_that_hangs_or_dies_is_a_row() {
             jobs: 1,
             workers: worker(folder.path(), script),
         };
-        run_range(&campaign, &dataset, 0..=0, &options, |_| {}).unwrap();
+        run_range(&campaign, &dataset, 0..=0, &options, |_| Continue(())).unwrap();
         let rows = dataset.rows().unwrap();
         assert_eq!(rows[0].verdict, verdict, "{rows:?}");
         assert!(
@@ -386,13 +409,13 @@ fn ranges_order_and_threads_do_not_change_the_dataset() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = |name: &str| Dataset::create(&campaign, &folder.path().join(name)).unwrap();
     let whole = dataset("whole");
-    run_range(&campaign, &whole, 0..=299, &options(1), |_| {}).unwrap();
+    run_range(&campaign, &whole, 0..=299, &options(1), |_| Continue(())).unwrap();
     // Ranges that do not end where tables do, computed at the same time in any order, one of them twice.
     let parts = dataset("parts");
     std::thread::scope(|scope| {
         for range in [200..=299, 0..=99, 100..=199, 0..=99, 50..=260] {
             let (campaign, parts) = (&campaign, &parts);
-            scope.spawn(move || run_range(campaign, parts, range, &options(2), |_| {}).unwrap());
+            scope.spawn(move || run_range(campaign, parts, range, &options(2), |_| Continue(())).unwrap());
         }
     });
     assert_eq!(bytes(&whole).len(), 2);
@@ -410,15 +433,15 @@ fn a_journal_with_a_line_that_was_cut_off_continues() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = |name: &str| Dataset::create(&campaign, &folder.path().join(name)).unwrap();
     let whole = dataset("whole");
-    run_range(&campaign, &whole, 0..=7, &options(1), |_| {}).unwrap();
+    run_range(&campaign, &whole, 0..=7, &options(1), |_| Continue(())).unwrap();
     let cut = dataset("cut");
-    run_range(&campaign, &cut, 0..=4, &options(1), |_| {}).unwrap();
+    run_range(&campaign, &cut, 0..=4, &options(1), |_| Continue(())).unwrap();
     let journal = cut.folder().join("journal/part-000000.0-4.jsonl");
     let text = fs::read(&journal).unwrap();
     fs::write(&journal, &text[..text.len() - 7]).unwrap();
     assert_eq!(cut.rows().unwrap().len(), 4);
-    run_range(&campaign, &cut, 0..=4, &options(1), |_| {}).unwrap();
-    run_range(&campaign, &cut, 0..=7, &options(1), |_| {}).unwrap();
+    run_range(&campaign, &cut, 0..=4, &options(1), |_| Continue(())).unwrap();
+    run_range(&campaign, &cut, 0..=7, &options(1), |_| Continue(())).unwrap();
     assert_eq!(bytes(&whole), bytes(&cut));
     assert!(!journal.exists());
 }
@@ -448,7 +471,7 @@ fn a_campaign_can_grow_and_a_latin_hypercube_cannot() {
     };
     for runs in [4, 10] {
         let (campaign, dataset) = grown(runs, "random", &out).unwrap();
-        run_range(&campaign, &dataset, 0..=runs - 1, &options(1), |_| {}).unwrap();
+        run_range(&campaign, &dataset, 0..=runs - 1, &options(1), |_| Continue(())).unwrap();
         assert_eq!(dataset.rows().unwrap().len() as u64, runs);
     }
     let fewer = grown(4, "random", &out).map(drop).unwrap_err().to_string();
@@ -472,7 +495,7 @@ fn series_and_bags_are_kept() {
     let campaign = campaign(2, 0.5, lines).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let dataset = Dataset::create(&campaign, &folder.path().join("out")).unwrap();
-    run_range(&campaign, &dataset, 0..=1, &options(1), |_| {}).unwrap();
+    run_range(&campaign, &dataset, 0..=1, &options(1), |_| Continue(())).unwrap();
     let out = dataset.folder();
     assert!(out.join("bags/run-000000000/metadata.yaml").exists());
     assert!(!out.join("bags/run-000000001").exists());
