@@ -1,6 +1,11 @@
 //! Drawn parameters, rows and datasets of small campaigns.
 
-use std::{fs, ops::ControlFlow::{Break, Continue}, os::unix::fs::PermissionsExt, path::PathBuf};
+use std::{
+    fs,
+    ops::ControlFlow::{Break, Continue},
+    os::unix::fs::PermissionsExt,
+    path::PathBuf,
+};
 
 use super::*;
 
@@ -415,7 +420,9 @@ fn ranges_order_and_threads_do_not_change_the_dataset() {
     std::thread::scope(|scope| {
         for range in [200..=299, 0..=99, 100..=199, 0..=99, 50..=260] {
             let (campaign, parts) = (&campaign, &parts);
-            scope.spawn(move || run_range(campaign, parts, range, &options(2), |_| Continue(())).unwrap());
+            scope.spawn(move || {
+                run_range(campaign, parts, range, &options(2), |_| Continue(())).unwrap()
+            });
         }
     });
     assert_eq!(bytes(&whole).len(), 2);
@@ -471,7 +478,10 @@ fn a_campaign_can_grow_and_a_latin_hypercube_cannot() {
     };
     for runs in [4, 10] {
         let (campaign, dataset) = grown(runs, "random", &out).unwrap();
-        run_range(&campaign, &dataset, 0..=runs - 1, &options(1), |_| Continue(())).unwrap();
+        run_range(&campaign, &dataset, 0..=runs - 1, &options(1), |_| {
+            Continue(())
+        })
+        .unwrap();
         assert_eq!(dataset.rows().unwrap().len() as u64, runs);
     }
     let fewer = grown(4, "random", &out).map(drop).unwrap_err().to_string();

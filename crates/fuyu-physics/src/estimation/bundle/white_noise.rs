@@ -20,8 +20,11 @@ const ENOUGH: usize = 60;
 /// Intervals of frames that differ by at most this share are equal.
 const EQUAL: f64 = 0.02;
 
-/// Quantiles of the squares from which the noise is computed. Differences that contain an outlier are larger than most others.
-const QUANTILES: [f64; 2] = [0.15, 0.45];
+/// Median of a chi-squared variable of one degree of freedom.
+const MEDIAN: f64 = 0.455;
+
+/// A difference of more standard deviations contains an outlier.
+const OUTLYING: f64 = 5.0;
 
 /// Standard deviation of the noise \[px\]. `None` if the motion between frames is not small, or there are too few points
 /// in consecutive frames.
@@ -62,36 +65,24 @@ fn course(window: &[FeatureFrame], id: u64) -> Option<[[f64; 2]; FIFTH.len()]> {
     Some(track)
 }
 
-/// Standard deviation from squares, some of which contain outliers.
-///
-/// Of the share `c` without outliers, `c F(x / s^2)` are below x, where F is the distribution of a chi-squared variable of one degree of
-/// freedom. Two quantiles give `s` whatever `c` is, as long as the squares with outliers are above both.
+/// Standard deviation from squares, most of which are of normal variables: from the median of those without outliers.
 fn deviation(mut squares: Vec<f64>) -> Option<f64> {
     if squares.len() < ENOUGH {
         return None;
     }
     squares.sort_by(f64::total_cmp);
-    let at = |share: f64| squares[(share * squares.len() as f64) as usize].sqrt();
-    let [low, high] = QUANTILES.map(at);
-    if low <= 0.0 {
-        return Some(0.0);
-    }
-    // F(x / s^2) is erf(sqrt(x / 2) / s). Without outliers the share below `high` is the quantile itself; more than all
-    // cannot be free of outliers.
-    let below = |x: f64, s: f64| libm::erf(x / (s * std::f64::consts::SQRT_2));
-    let ratio = |s: f64| below(low, s) / below(high, s);
-    let free_of_outliers = |s: f64| QUANTILES[1] / below(high, s);
-    // Both shares fall with growing `s`, their ratio from 1 to low / high.
-    let (mut least, mut most) = (high / 4.0, 100.0 * high);
-    for _ in 0..60 {
-        let middle = 0.5 * (least + most);
-        let wanted = QUANTILES[0] / QUANTILES[1];
-        match ratio(middle) > wanted && free_of_outliers(middle) < 1.0 {
-            true => least = middle,
-            false => most = middle,
+    let mut normal = squares.len();
+    let mut deviation = f64::INFINITY;
+    // The number of outliers and the deviation determine each other.
+    for _ in 0..8 {
+        deviation = (squares[normal / 2] / MEDIAN).sqrt();
+        let now = squares.partition_point(|square| *square <= (OUTLYING * deviation).powi(2));
+        if now == normal || now < ENOUGH {
+            break;
         }
+        normal = now;
     }
-    Some(0.5 * (least + most))
+    Some(deviation)
 }
 
 #[cfg(test)]
