@@ -107,8 +107,7 @@ impl Patch {
             normalize(scratch)?;
             let mut sum = SVector::<f32, 6>::zeros();
             let mut product = 0.0;
-            for ((value, reference), descent) in
-                scratch.iter().zip(&self.values).zip(&self.descent)
+            for ((value, reference), descent) in scratch.iter().zip(&self.values).zip(&self.descent)
             {
                 sum += descent * (value - reference);
                 product += value * reference;

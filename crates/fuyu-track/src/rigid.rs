@@ -1,30 +1,34 @@
 //! Whether points move as one rigid body.
 //!
 //! Under weak perspective, the image coordinates of points of a rigid body over K frames, one column of 2 K rows for each
-//! point, are affine combinations of four (Tomasi and Kanade 1992): they are in a space of four dimensions. Points that lie on a silhouette,
+//! point, are affine combinations of four (Tomasi and Kanade 1992): they are in an affine space of three dimensions. Points that lie on a silhouette,
 //! on a shadow's edge or on another body are not. The space is found by sampling columns (Fischler and Bolles 1981), then from all columns that are in it.
 
 use nalgebra::{DMatrix, DVector};
 
 /// Samples of four points.
 const SAMPLES: usize = 60;
-/// Fewest points of which something can be said: four make the space, and as many others have to confirm it.
-pub(crate) const FEWEST: usize = 8;
+/// Fewest points of which something can be said: four make the space, and two others have to confirm it.
+const FEWEST: usize = 6;
+/// Largest distance of a point from the middle of the body over the median of these distances.
+const MOST_REMOTE: f64 = 8.0;
 /// Dimensions.
-const RANK: usize = 4;
+const RANK: usize = 3;
+/// Points that make the space.
+const MINIMAL: usize = RANK + 1;
 
 /// Root mean square deviation of each column from the motion that most of them share \[px\]; `None` if there is no such
 /// motion. `columns` has the coordinates of one point in each column, `limit` is the largest deviation \[px\].
 pub(crate) fn deviations(columns: &DMatrix<f64>, limit: f64, seed: u64) -> Option<Vec<f64>> {
     let (rows, n) = columns.shape();
-    if n < FEWEST || rows <= RANK + 2 {
+    if n < FEWEST || rows <= MINIMAL + 2 {
         return None;
     }
     let mut random = seed;
     let mut best: Option<(f64, Vec<f64>)> = None;
     for _ in 0..SAMPLES {
-        let mut picked = [0; RANK];
-        for k in 0..RANK {
+        let mut picked = [0; MINIMAL];
+        for k in 0..MINIMAL {
             loop {
                 random = random
                     .wrapping_mul(6_364_136_223_846_793_005)
@@ -37,7 +41,7 @@ pub(crate) fn deviations(columns: &DMatrix<f64>, limit: f64, seed: u64) -> Optio
             }
         }
         let sample: Vec<_> = picked.iter().map(|i| columns.column(*i)).collect();
-        let found = residuals(columns, &DMatrix::from_columns(&sample));
+        let found = Space::fitting(&DMatrix::from_columns(&sample)).distances(columns);
         // Truncated squares: outliers count alike, and inliers by how well they fit.
         let bound = 2.0 * limit;
         let cost: f64 = found.iter().map(|d| (d / bound).min(1.0).powi(2)).sum();
@@ -55,34 +59,85 @@ pub(crate) fn deviations(columns: &DMatrix<f64>, limit: f64, seed: u64) -> Optio
         if inliers.len() < FEWEST.max(n / 3) {
             return None;
         }
-        found = residuals(columns, &DMatrix::from_columns(&inliers));
+        let space = Space::fitting(&DMatrix::from_columns(&inliers));
+        found = space.distances(columns);
+        for (found, far) in found.iter_mut().zip(space.remoteness(columns, limit)) {
+            *found = found.max(limit * far / MOST_REMOTE);
+        }
         bound = limit;
     }
     Some(found)
 }
 
-/// Root mean square distance of each column from the space that the first four principal directions of `basis` span. With more
-/// columns than dimensions those are the directions of least squares.
-fn residuals(columns: &DMatrix<f64>, basis: &DMatrix<f64>) -> Vec<f64> {
-    let rows = columns.nrows();
-    let directions: Vec<DVector<f64>> = if basis.ncols() <= RANK {
-        basis.clone().qr().q().column_iter().map(|c| c.clone_owned()).collect()
-    } else {
-        let eigen = (basis * basis.transpose()).symmetric_eigen();
-        let mut order: Vec<usize> = (0..rows).collect();
-        order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
-        let first = order[..RANK].iter();
-        first.map(|i| eigen.eigenvectors.column(*i).clone_owned()).collect()
-    };
-    let points = (rows / 2) as f64;
-    let distances = columns.column_iter().map(|column| {
-        let mut rest = column.clone_owned();
-        for direction in &directions {
-            rest.axpy(-direction.dot(&column), direction, 1.0);
+/// An affine space of three dimensions.
+struct Space {
+    mean: DVector<f64>,
+    /// Orthonormal.
+    directions: Vec<DVector<f64>>,
+}
+
+impl Space {
+    /// The one that fits columns best: through their mean, along their first three principal directions.
+    fn fitting(basis: &DMatrix<f64>) -> Self {
+        let mean = basis.column_mean();
+        let mut centred = basis.clone();
+        for mut column in centred.column_iter_mut() {
+            column -= &mean;
         }
-        (rest.norm_squared() / points).sqrt()
-    });
-    distances.collect()
+        let directions = if centred.ncols() <= MINIMAL {
+            let q = centred.columns(0, RANK).into_owned().qr().q();
+            q.column_iter().map(|c| c.clone_owned()).collect()
+        } else {
+            let eigen = (&centred * centred.transpose()).symmetric_eigen();
+            let mut order: Vec<usize> = (0..basis.nrows()).collect();
+            order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+            let first = order[..RANK].iter();
+            first
+                .map(|i| eigen.eigenvectors.column(*i).clone_owned())
+                .collect()
+        };
+        Self { mean, directions }
+    }
+
+    /// Root mean square distance of the points of each column from the space \[px\].
+    fn distances(&self, columns: &DMatrix<f64>) -> Vec<f64> {
+        let points = (columns.nrows() / 2) as f64;
+        let distances = columns.column_iter().map(|column| {
+            let mut rest = column - &self.mean;
+            for direction in &self.directions {
+                let along = direction.dot(&rest);
+                rest.axpy(-along, direction, 1.0);
+            }
+            (rest.norm_squared() / points).sqrt()
+        });
+        distances.collect()
+    }
+
+    /// Distance of each column from the middle one along that direction in which it is largest, over the median of these distances, or over
+    /// `least` \[px\] if that is more. What slides over a body in the direction in which its other points move has the motion of a point far in
+    /// front of it or behind it.
+    fn remoteness(&self, columns: &DMatrix<f64>, least: f64) -> Vec<f64> {
+        let mut most = vec![0.0_f64; columns.ncols()];
+        let floor = least * ((columns.nrows() / 2) as f64).sqrt();
+        for direction in &self.directions {
+            let along = columns.column_iter().map(|column| direction.dot(&column));
+            let mut along: Vec<f64> = along.collect();
+            let middle = median(along.clone());
+            for x in &mut along {
+                *x = (*x - middle).abs();
+            }
+            let usual = median(along.clone()).max(floor);
+            for (most, x) in most.iter_mut().zip(along) {
+                *most = most.max(x / usual);
+            }
+        }
+        most
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
 }
 
 #[cfg(test)]
@@ -116,6 +171,21 @@ mod tests {
     }
 
     #[test]
+    fn points_that_slide_where_depth_would_move_them_are_found() {
+        let mut columns = columns(30, 0, 0.0);
+        for mut column in columns.column_iter_mut().skip(26) {
+            for k in 0..8 {
+                // Across the axis of rotation, as other depths do.
+                column[2 * k] += 0.3 * 10.0 * k as f64;
+                column[2 * k + 1] -= 0.1 * 10.0 * k as f64;
+            }
+        }
+        let found = deviations(&columns, 0.5, 1).unwrap();
+        assert!(found[..26].iter().all(|d| *d < 0.5), "{found:?}");
+        assert!(found[26..].iter().all(|d| *d > 0.5), "{found:?}");
+    }
+
+    #[test]
     fn a_rigid_body_has_no_outliers() {
         let found = deviations(&columns(30, 0, 0.0), 0.5, 1).unwrap();
         assert!(found.iter().all(|d| *d < 0.3), "{found:?}");
@@ -123,6 +193,6 @@ mod tests {
 
     #[test]
     fn few_points_tell_nothing() {
-        assert_eq!(deviations(&columns(7, 0, 0.0), 0.5, 1), None);
+        assert_eq!(deviations(&columns(5, 0, 0.0), 0.5, 1), None);
     }
 }

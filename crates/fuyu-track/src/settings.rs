@@ -38,7 +38,8 @@ pub struct Settings {
     pub margin: usize,
     /// What belongs to the target in images without a mask.
     pub target: Target,
-    /// Frames over which the points must move as one rigid body; 0 does not test it.
+    /// Frames over which the points must move as one rigid body, 6 at least; a point is reported once it has been found to. 0 does not
+    /// test it.
     pub rigid_frames: usize,
     /// Largest deviation of a point from the motion of the body, root mean square over these frames \[px\].
     pub rigid_error: f64,
@@ -64,7 +65,7 @@ impl Default for Settings {
             },
             rigid_frames: 15,
             rigid_error: 0.7,
-            confirmation: 3,
+            confirmation: 6,
         }
     }
 }
@@ -95,7 +96,10 @@ impl Settings {
         count("points", self.points, 1, 10_000, "1 to 10000")?;
         count("levels", self.levels, 1, 8, "1 to 8")?;
         count("margin", self.margin, 0, 64, "0 to 64 px")?;
-        count("rigid_frames", self.rigid_frames, 0, 200, "0 to 200")?;
+        count("rigid_frames", self.rigid_frames, 0, 200, "0 or 6 to 200")?;
+        if (1..6).contains(&self.rigid_frames) {
+            return error("rigid_frames", self.rigid_frames as f64, "0 or 6 to 200");
+        }
         count("confirmation", self.confirmation, 1, 200, "1 to 200")?;
         if !(5..=63).contains(&self.window) || self.window.is_multiple_of(2) {
             return error("window", self.window as f64, "odd and 5 to 63 px");

@@ -22,6 +22,8 @@ const LARGEST_DRIFT: f64 = 1.5;
 const SCALES: [f64; 2] = [0.7, 1.4];
 /// Most frames that represent the window of the test of rigid motion.
 const RIGID_SAMPLES: usize = 8;
+/// Fewest frames over which rigid motion is tested.
+const SHORT_WINDOW: usize = 6;
 /// Frames in which a point may deviate from rigid motion before it ends.
 const STRIKES: u32 = 2;
 /// Fraction of all points that may be missing before new ones are searched for in every frame.
@@ -86,6 +88,8 @@ struct Track {
     history: VecDeque<Vector2<f64>>,
     frames: u32,
     strikes: u32,
+    /// Whether it has been found to move with the others.
+    verified: bool,
 }
 
 /// Tracks points of a body from image to image.
@@ -184,7 +188,7 @@ impl Tracker {
         self.last = Some(time);
         self.frames += 1;
         let confirmed = (self.tracks.iter())
-            .filter(|track| track.frames as usize >= self.settings.confirmation);
+            .filter(|t| t.verified && t.frames as usize >= self.settings.confirmation);
         let features = confirmed.map(|track| Feature {
             id: track.id,
             u: track.position.x,
@@ -224,16 +228,15 @@ impl Tracker {
         let missing: Vec<usize> = (0..found.len()).filter(|i| found[*i].is_none()).collect();
         if !missing.is_empty() {
             let moved: Vec<_> = (self.tracks.iter().zip(&found))
-                .filter_map(|(track, found)| {
-                    found.map(|p| (track.position, p - track.position))
-                })
+                .filter_map(|(track, found)| found.map(|p| (track.position, p - track.position)))
                 .collect();
             self.points.clear();
             self.predicted.clear();
             for i in &missing {
                 let position = self.tracks[*i].position;
                 let distance = |p: &Vector2<f64>| (p - position).norm_squared();
-                let nearest = (moved.iter()).min_by(|a, b| distance(&a.0).total_cmp(&distance(&b.0)));
+                let nearest =
+                    (moved.iter()).min_by(|a, b| distance(&a.0).total_cmp(&distance(&b.0)));
                 let step = nearest.map_or(shift, |(_, step)| *step);
                 self.points.push(single(position));
                 self.predicted.push(single(position + step));
@@ -292,8 +295,7 @@ impl Tracker {
             min_eigen_threshold: 1e-2,
         };
         let backward = self.settings.backward as f32;
-        let results =
-            (self.flow).track_fb(&self.points, Some(&self.predicted), params, backward);
+        let results = (self.flow).track_fb(&self.points, Some(&self.predicted), params, backward);
         let positions = results.iter().map(|result| {
             let p = Vector2::new(f64::from(result.pos.0), f64::from(result.pos.1));
             (result.status == TrackStatus::Tracked && p.iter().all(|x| x.is_finite())).then_some(p)
@@ -325,30 +327,42 @@ impl Tracker {
         self.losses.merged += (before - self.tracks.len()) as u64;
     }
 
-    /// Ends the points that do not move with the others.
+    /// Ends the points that do not move with the others: over the whole window, in which slow ones are found, and over a short one,
+    /// in which fast ones are found before they are reported.
     fn end_loose(&mut self) {
-        let window = self.settings.rigid_frames;
-        if window == 0 {
+        let whole = self.settings.rigid_frames;
+        if whole == 0 {
             return;
         }
-        let old: Vec<usize> = (0..self.tracks.len())
-            .filter(|i| self.tracks[*i].history.len() == window)
-            .collect();
-        let samples = window.min(RIGID_SAMPLES);
-        let frame = |k: usize| k * (window - 1) / (samples - 1).max(1);
-        let columns = DMatrix::from_fn(2 * samples, old.len(), |row, i| {
-            self.tracks[old[i]].history[frame(row / 2)][row % 2]
-        });
-        let Some(deviations) = rigid::deviations(&columns, self.settings.rigid_error, self.frames)
-        else {
-            return;
-        };
-        for (i, deviation) in old.into_iter().zip(deviations) {
-            let track = &mut self.tracks[i];
-            match deviation > self.settings.rigid_error {
-                true => track.strikes += 1,
-                false => track.strikes = 0,
+        let limit = self.settings.rigid_error;
+        let mut worst: Vec<Option<f64>> = vec![None; self.tracks.len()];
+        let short = self.settings.confirmation.max(SHORT_WINDOW);
+        let windows = [whole, short];
+        // The short one is only of use if it is shorter.
+        for window in &windows[..1 + usize::from(short < whole)] {
+            let window = *window;
+            let old: Vec<usize> = (0..self.tracks.len())
+                .filter(|i| self.tracks[*i].history.len() >= window)
+                .collect();
+            let samples = window.min(RIGID_SAMPLES);
+            let frame = |k: usize| k * (window - 1) / (samples - 1).max(1);
+            let columns = DMatrix::from_fn(2 * samples, old.len(), |row, i| {
+                let history = &self.tracks[old[i]].history;
+                history[history.len() - window + frame(row / 2)][row % 2]
+            });
+            if let Some(deviations) = rigid::deviations(&columns, limit, self.frames) {
+                for (i, deviation) in old.into_iter().zip(deviations) {
+                    worst[i] = Some(worst[i].unwrap_or(0.0).max(deviation));
+                }
             }
+        }
+        for (track, deviation) in self.tracks.iter_mut().zip(worst) {
+            track.strikes = match deviation {
+                Some(d) if d > 2.0 * limit => STRIKES,
+                Some(d) if d > limit => track.strikes + 1,
+                _ => 0,
+            };
+            track.verified |= deviation.is_some_and(|d| d <= limit);
         }
         let before = self.tracks.len();
         self.tracks.retain(|track| track.strikes < STRIKES);
@@ -365,8 +379,7 @@ impl Tracker {
             return;
         }
         let existing: Vec<_> = self.tracks.iter().map(|track| track.position).collect();
-        let found =
-            (self.finder).find(&self.image, &self.region, &existing, room, &self.settings);
+        let found = (self.finder).find(&self.image, &self.region, &existing, room, &self.settings);
         let pixels = Pixels {
             data: self.image.as_raw(),
             width: self.image.width() as usize,
@@ -383,8 +396,8 @@ impl Tracker {
             };
             self.next_id = id.checked_add(1);
             let distance = |track: &&Track| (track.position - position).norm_squared();
-            let nearest = (self.tracks[..old].iter())
-                .min_by(|a, b| distance(a).total_cmp(&distance(b)));
+            let nearest =
+                (self.tracks[..old].iter()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
             self.tracks.push(Track {
                 id,
                 position,
@@ -394,6 +407,7 @@ impl Tracker {
                 history: VecDeque::from([position]),
                 frames: 1,
                 strikes: 0,
+                verified: self.settings.rigid_frames == 0,
             });
         }
     }
