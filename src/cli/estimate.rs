@@ -15,6 +15,7 @@ use crate::{
         estimate, fit_rates, from_rates,
     },
     experiments::{Observations, ObservedTracks},
+    nodes::tracker::TrackerParams,
     vision::{Distortion, Pinhole},
 };
 
@@ -27,9 +28,16 @@ use crate::{
 /// options give.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Bag (folder or .mcap file) or CSV file
+    /// Bag (folder or .mcap file), CSV file, or with --track a folder of PNG files
     #[arg(value_name = "INPUT")]
     input: PathBuf,
+    /// Track points in images: those on camera/image_raw (or its compressed ones) of a bag, or the PNG files of a folder
+    #[arg(long)]
+    track: bool,
+    /// Images per second of a folder of PNG files in order of their names; without it, names are times in seconds, or in
+    /// nanoseconds of 16 digits or more
+    #[arg(long, value_name = "HZ", requires = "track", value_parser = super::positive)]
+    frame_rate: Option<f64>,
     /// bundle (default for tracks), maximum_likelihood (default for angular velocity) or masutani1995
     #[arg(long, value_name = "METHOD", value_parser = method)]
     method: Option<EstimationMethod>,
@@ -149,7 +157,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             args.predict, args.predict_rate
         )));
     }
-    let observations = Observations::read(&args.input).map_err(Failure::Input)?;
+    let observations = match args.track {
+        true => Observations::track(&args.input, &TrackerParams::default(), args.frame_rate),
+        false => Observations::read(&args.input),
+    };
+    let observations = observations.map_err(Failure::Input)?;
     let found = match &observations {
         Observations::Tracks(observed) => from_tracks(args, observed)?,
         Observations::AngularVelocity(rates) => from_angular_velocities(args, rates)?,

@@ -22,6 +22,7 @@ use super::{
     sampled_loop::{self, Delay},
     teleop::TeleopParams,
     tip_frame,
+    tracker::TrackerParams,
     views::ViewsParams,
 };
 use crate::{
@@ -318,6 +319,7 @@ impl Scenario {
                 })
             }
             "estimator" => self.parameters_of(name, EstimatorParams::declare).map(drop),
+            "tracker" => self.parameters_of(name, TrackerParams::declare).map(drop),
             "views" => {
                 let params = self.parameters_of(name, |d| Ok(ViewsParams::declare(d)));
                 params.map(drop)

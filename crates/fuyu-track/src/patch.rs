@@ -23,9 +23,57 @@ pub(crate) struct Pixels<'a> {
 }
 
 impl Pixels<'_> {
+    /// Appends the values at the offsets -`r` to `r` in both directions, mapped by `A`, around `p`; `None` if one is outside.
+    fn read_parallelogram(
+        &self,
+        p: Vector2<f64>,
+        A: Matrix2<f64>,
+        r: i32,
+        values: &mut Vec<f32>,
+    ) -> Option<()> {
+        let reach = f64::from(r);
+        let across = reach * (A.m11.abs() + A.m12.abs());
+        let along = reach * (A.m21.abs() + A.m22.abs());
+        // Less than a thousandth of a pixel for rounding. Also false if a number is none.
+        let fits = |x: f64, reach: f64, size: usize| {
+            x - reach >= 0.001 && x + reach <= (size - 1) as f64 - 0.001
+        };
+        if !(fits(p.x, across, self.width) && fits(p.y, along, self.height)) {
+            return None;
+        }
+        let [a11, a12, a21, a22] = [A.m11, A.m12, A.m21, A.m22].map(|a| a as f32);
+        // Single precision is enough for what is relative to a pixel near the middle.
+        let origin = p.map(f64::floor);
+        let rest = (p - origin).map(|x| x as f32);
+        let (column, row) = (origin.x as i32, origin.y as i32);
+        for y in -r..=r {
+            let y = y as f32;
+            let (u0, v0) = (rest.x + a12 * y, rest.y + a22 * y);
+            for x in -r..=r {
+                let x = x as f32;
+                let (u, v) = (u0 + a11 * x, v0 + a21 * x);
+                let (du, dv) = (floor(u), floor(v));
+                let (a, b) = (u - du as f32, v - dv as f32);
+                let i = (row + dv) as usize * self.width + (column + du) as usize;
+                let upper = self.data.get(i..i + 2)?;
+                let lower = self.data.get(i + self.width..i + self.width + 2)?;
+                let [top, bottom] = [upper, lower]
+                    .map(|s| f32::from(s[0]) + a * (f32::from(s[1]) - f32::from(s[0])));
+                values.push(top + b * (bottom - top));
+            }
+        }
+        Some(())
+    }
+
     fn at(&self, p: Vector2<f64>) -> Option<f32> {
         sample(self.data, self.width, self.height, p.x, p.y)
     }
+}
+
+/// The largest whole number that is not more than `x`; `f32::floor` is a call where processors of 2008 must do.
+fn floor(x: f32) -> i32 {
+    let truncated = x as i32;
+    truncated - i32::from(x < truncated as f32)
 }
 
 /// The values around a point, without their mean and divided by their standard deviation.
@@ -98,12 +146,7 @@ impl Patch {
         let mut similarity = None;
         for _ in 0..ITERATIONS {
             scratch.clear();
-            for y in -r..=r {
-                for x in -r..=r {
-                    let offset = Vector2::new(f64::from(x), f64::from(y));
-                    scratch.push(image.at(p + A * offset)?);
-                }
-            }
+            image.read_parallelogram(p, A, r, scratch)?;
             normalize(scratch)?;
             let mut sum = SVector::<f32, 6>::zeros();
             let mut product = 0.0;

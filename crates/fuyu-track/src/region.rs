@@ -84,6 +84,17 @@ impl Region {
             let row = image.row(v);
             let begin = runs.len();
             let mut first = 0;
+            // Most rows show nothing but the sky.
+            if row.iter().fold(0, |most, x| *x.max(&most)) < threshold {
+                parents.push(begin);
+                runs.push(Run {
+                    row: v,
+                    first: 0,
+                    end: width,
+                    bright: false,
+                });
+                first = width;
+            }
             while first < width {
                 let bright = row[first] >= threshold;
                 let rest = row[first..].iter();

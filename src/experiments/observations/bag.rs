@@ -1,4 +1,4 @@
-//! Observations from a bag: `camera/features` with the camera's calibration, and the base's gyro with the mounting of
+//! Observations from a bag: `camera/features`, or features tracked in its images, with the camera's calibration, and the base's gyro with the mounting of
 //! the camera.
 
 use std::{collections::BTreeMap, path::Path};
@@ -11,12 +11,13 @@ use crate::{
     estimation::Tracks,
     msg::{
         fuyu_msgs::FeatureTracks,
-        sensor_msgs::{CameraInfo, Imu},
+        sensor_msgs::{CameraInfo, CompressedImage, Image, Imu},
     },
     nodes::{
         estimator::{StaticRotations, variance_of},
         features::{camera_from_msg, feature_frame_from_msg},
         geometry::vector_from_msg,
+        tracker::{ImageTracker, TrackerParams},
     },
     ros::Time,
     vision::{Distortion, FeatureFrame, Pinhole},
@@ -24,11 +25,14 @@ use crate::{
 
 const FEATURES: &str = "/camera/features";
 
-/// Reads the features of the one camera in a bag.
+/// Reads the features of the one camera in a bag, or tracks them in its images.
 ///
 /// # Errors
 /// A line that names the bag and the topic.
-pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
+pub(super) fn read(
+    path: &Path,
+    tracking: Option<&TrackerParams>,
+) -> Result<ObservedTracks, String> {
     let bag = Bag::open(path).map_err(|e| e.to_string())?;
     let mut robots: BTreeMap<String, Recorded> = BTreeMap::new();
     let mut frames = StaticRotations::default();
@@ -39,9 +43,18 @@ pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
             decode(&message).and_then(|m| frames.take(m)).map_err(at)?;
         }
         for (suffix, take) in TOPICS {
+            if suffix == FEATURES && tracking.is_some() {
+                continue;
+            }
             if let Some(namespace) = topic.strip_suffix(suffix) {
                 let robot = robots.entry(namespace.to_owned()).or_default();
                 take(robot, &message).map_err(at)?;
+            }
+        }
+        for (suffix, decode) in IMAGES {
+            if let (Some(params), Some(namespace)) = (tracking, topic.strip_suffix(suffix)) {
+                let robot = robots.entry(namespace.to_owned()).or_default();
+                robot.track(suffix, params, &message, decode).map_err(at)?;
             }
         }
     }
@@ -49,6 +62,10 @@ pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
     let mut robots = robots.into_iter();
     let at = |e: String| format!("{}: {e}", path.display());
     match (robots.next(), robots.next()) {
+        (None, _) if tracking.is_some() => Err(at(format!(
+            "holds no points of a body that could be tracked on {} or {}",
+            IMAGES[0].0, IMAGES[1].0
+        ))),
         (None, _) => Err(at(format!(
             "holds no message on {FEATURES} (fuyu_msgs/msg/FeatureTracks)"
         ))),
@@ -82,6 +99,10 @@ struct Recorded {
     /// Angular velocity of the inertial measurement unit in its own axes, over time.
     gyro: Vec<(f64, Vector3<f64>)>,
     gyro_frame: String,
+    /// Of images, with the topic that they come from.
+    tracker: Option<(&'static str, ImageTracker)>,
+    /// Time of the last image \[s\].
+    last_image: Option<f64>,
 }
 
 type Take = fn(&mut Recorded, &Message) -> Result<(), String>;
@@ -118,7 +139,60 @@ const TOPICS: [(&str, Take); 3] = [
     }),
 ];
 
+/// Topics with images, and how a message becomes one.
+const IMAGES: [(&str, DecodeImage); 2] = [
+    ("/camera/image_raw", |message| decode(message)),
+    ("/camera/image_raw/compressed", |message| {
+        let compressed: CompressedImage = decode(message)?;
+        let decoded = image::load_from_memory(&compressed.data)
+            .map_err(|e| format!("data of format '{}': {e}", compressed.format))?;
+        let grey = decoded.into_luma8();
+        let (width, height) = grey.dimensions();
+        Ok(Image {
+            header: compressed.header,
+            width,
+            height,
+            encoding: "mono8".to_owned(),
+            step: width,
+            data: grey.into_raw(),
+            ..Image::default()
+        })
+    }),
+];
+
+type DecodeImage = fn(&Message) -> Result<Image, String>;
+
 impl Recorded {
+    /// Tracks into an image, unless images of another topic came first.
+    fn track(
+        &mut self,
+        topic: &'static str,
+        params: &TrackerParams,
+        message: &Message,
+        decode: DecodeImage,
+    ) -> Result<(), String> {
+        if self.tracker.is_none() {
+            let tracker = ImageTracker::new(params.clone()).map_err(|e| e.to_string())?;
+            self.tracker = Some((topic, tracker));
+        }
+        let Some((_, tracker)) = self.tracker.as_mut().filter(|(used, _)| *used == topic) else {
+            return Ok(());
+        };
+        let image = decode(message)?;
+        let time = Time::from(&image.header.stamp).as_secs_f64();
+        // An image that was published twice is in the bag twice.
+        if self.last_image.is_some_and(|last| time <= last) {
+            return Ok(());
+        }
+        let features = tracker.track(&image, None)?;
+        self.last_image = Some(time);
+        if !features.ids.is_empty() {
+            self.frames.push(feature_frame_from_msg(&features)?);
+        }
+        self.camera_frame = features.header.frame_id;
+        Ok(())
+    }
+
     /// Random walk of the integrated gyro: the samples' deviation times the root of their interval \[rad/√s\].
     fn gyro_noise(&self) -> Option<f64> {
         let (first, last) = (self.gyro.first()?, self.gyro.last()?);

@@ -2,6 +2,7 @@
 
 mod bag;
 mod csv;
+mod images;
 
 use std::path::Path;
 
@@ -9,6 +10,7 @@ use nalgebra::Vector3;
 
 use crate::{
     estimation::Tracks,
+    nodes::tracker::TrackerParams,
     vision::{Distortion, Pinhole},
 };
 
@@ -45,9 +47,26 @@ impl Observations {
     pub fn read(path: &Path) -> Result<Self, String> {
         let is_bag = path.is_dir() || path.extension().is_some_and(|e| e == "mcap");
         if is_bag {
-            bag::read(path).map(Self::Tracks)
+            bag::read(path, None).map(Self::Tracks)
         } else {
             csv::read(path)
         }
+    }
+
+    /// Tracks points through the images on `camera/image_raw` (or `camera/image_raw/compressed`) of a bag, or through the PNG files of a
+    /// folder, which `frame_rate` \[Hz\] gives times; without it, their names do.
+    ///
+    /// # Errors
+    /// A line that names the file, and topic and field.
+    pub fn track(
+        path: &Path,
+        params: &TrackerParams,
+        frame_rate: Option<f64>,
+    ) -> Result<Self, String> {
+        match images::is_folder_of_images(path) {
+            true => images::read(path, params, frame_rate),
+            false => bag::read(path, Some(params)),
+        }
+        .map(Self::Tracks)
     }
 }
