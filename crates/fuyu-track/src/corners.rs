@@ -132,7 +132,8 @@ fn refine(image: &GrayImage, start: Vector2<f64>) -> Vector2<f64> {
             return start;
         };
         p += step;
-        if !((p - start).norm() <= LARGEST_REFINEMENT) {
+        let distance = (p - start).norm();
+        if distance.is_nan() || distance > LARGEST_REFINEMENT {
             return start;
         }
         if step.norm() < 0.01 {

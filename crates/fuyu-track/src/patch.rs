@@ -9,8 +9,8 @@ use crate::image::sample;
 
 /// Most iterations of an alignment.
 const ITERATIONS: usize = 12;
-/// Largest step of the last iteration \[px\].
-const CONVERGED: f64 = 0.01;
+/// Largest step of the last iteration \[px\]; what remains is a fraction of it.
+const CONVERGED: f64 = 0.03;
 /// Least standard deviation of the values of a patch \[grey values\].
 const LEAST_CONTRAST: f32 = 1.5;
 

@@ -12,28 +12,45 @@ const SAMPLES: usize = 30;
 const FEWEST: usize = 6;
 /// Largest distance of a point from the middle of the body over the median of these distances.
 const MOST_REMOTE: f64 = 8.0;
+/// Fewest points that show a new body.
+const FEWEST_NEW: usize = 8;
+/// How many others a trusted point counts for.
+const TRUST: f64 = 5.0;
 /// Dimensions.
 const RANK: usize = 3;
 /// Points that make the space.
 const MINIMAL: usize = RANK + 1;
 
 /// Root mean square deviation of each column from the motion that most of them share \[px\]; `None` if there is no such
-/// motion. `columns` has the coordinates of one point in each column, `limit` is the largest deviation \[px\].
-pub(crate) fn deviations(columns: &DMatrix<f64>, limit: f64, seed: u64) -> Option<Vec<f64>> {
+/// motion. Points that are `trusted` count more, and half of them must share it: the edge of a shadow that covers most of a body is no body.
+/// `columns` has the coordinates of one point in each column, `limit` is the largest deviation \[px\].
+pub(crate) fn deviations(
+    columns: &DMatrix<f64>,
+    trusted: &[bool],
+    limit: f64,
+    seed: u64,
+) -> Option<Vec<f64>> {
     let (rows, n) = columns.shape();
     if n < FEWEST || rows <= MINIMAL + 2 {
         return None;
     }
     let mut random = seed;
     let mut best: Option<(f64, Vec<f64>)> = None;
-    for _ in 0..SAMPLES {
+    let all: Vec<usize> = (0..n).collect();
+    let believed: Vec<usize> = (0..n).filter(|i| trusted[*i]).collect();
+    for sample in 0..SAMPLES {
+        // Every other one of trusted points only: they may be few.
+        let from = match believed.len() >= MINIMAL && sample % 2 == 0 {
+            true => &believed,
+            false => &all,
+        };
         let mut picked = [0; MINIMAL];
         for k in 0..MINIMAL {
             loop {
                 random = random
                     .wrapping_mul(6_364_136_223_846_793_005)
                     .wrapping_add(1_442_695_040_888_963_407);
-                let i = (random >> 33) as usize % n;
+                let i = from[(random >> 33) as usize % from.len()];
                 if !picked[..k].contains(&i) {
                     picked[k] = i;
                     break;
@@ -44,7 +61,11 @@ pub(crate) fn deviations(columns: &DMatrix<f64>, limit: f64, seed: u64) -> Optio
         let found = Space::fitting(&DMatrix::from_columns(&sample)).distances(columns);
         // Truncated squares: outliers count alike, and inliers by how well they fit.
         let bound = 2.0 * limit;
-        let cost: f64 = found.iter().map(|d| (d / bound).min(1.0).powi(2)).sum();
+        let costs = found.iter().zip(trusted).map(|(d, trusted)| {
+            let weight = if *trusted { TRUST } else { 1.0 };
+            weight * (d / bound).min(1.0).powi(2)
+        });
+        let cost: f64 = costs.sum();
         if best.as_ref().is_none_or(|(least, _)| cost < *least) {
             best = Some((cost, found));
         }
@@ -56,7 +77,13 @@ pub(crate) fn deviations(columns: &DMatrix<f64>, limit: f64, seed: u64) -> Optio
             .filter(|i| found[*i] <= bound)
             .map(|i| columns.column(i))
             .collect();
-        if inliers.len() < FEWEST.max(n / 3) {
+        let all = trusted.iter().filter(|t| **t).count();
+        let kept = (found.iter().zip(trusted)).filter(|(d, t)| **t && **d <= bound);
+        let needed = match all {
+            0 => FEWEST_NEW.max(n / 2),
+            _ => FEWEST.max(n / 3),
+        };
+        if inliers.len() < needed || 2 * kept.count() < all {
             return None;
         }
         let space = Space::fitting(&DMatrix::from_columns(&inliers));
@@ -175,7 +202,7 @@ mod tests {
 
     #[test]
     fn points_that_slide_on_the_body_are_found() {
-        let found = deviations(&columns(30, 8, 0.6), 0.5, 1).unwrap();
+        let found = deviations(&columns(30, 8, 0.6), &[false; 30], 0.5, 1).unwrap();
         assert!(found[..22].iter().all(|d| *d < 0.5), "{found:?}");
         assert!(found[22..].iter().all(|d| *d > 0.5), "{found:?}");
     }
@@ -190,19 +217,36 @@ mod tests {
                 column[2 * k + 1] -= 0.1 * 10.0 * k as f64;
             }
         }
-        let found = deviations(&columns, 0.5, 1).unwrap();
+        let found = deviations(&columns, &[false; 30], 0.5, 1).unwrap();
         assert!(found[..26].iter().all(|d| *d < 0.5), "{found:?}");
         assert!(found[26..].iter().all(|d| *d > 0.5), "{found:?}");
     }
 
     #[test]
     fn a_rigid_body_has_no_outliers() {
-        let found = deviations(&columns(30, 0, 0.0), 0.5, 1).unwrap();
+        let found = deviations(&columns(30, 0, 0.0), &[false; 30], 0.5, 1).unwrap();
         assert!(found.iter().all(|d| *d < 0.3), "{found:?}");
     }
 
     #[test]
+    fn what_most_points_do_is_not_believed_against_trusted_ones() {
+        // Twenty points that slide alike are rigid among themselves.
+        let mut columns = columns(30, 0, 0.0);
+        for mut column in columns.column_iter_mut().skip(10) {
+            for k in 0..8 {
+                column[2 * k + 1] += 3.0 * k as f64;
+            }
+        }
+        let mut trusted = [false; 30];
+        assert!(deviations(&columns, &trusted, 0.5, 1).unwrap()[20] < 0.5);
+        trusted[..8].fill(true);
+        let found = deviations(&columns, &trusted, 0.5, 1).unwrap();
+        assert!(found[..10].iter().all(|d| *d < 0.5), "{found:?}");
+        assert!(found[10..].iter().all(|d| *d > 0.5), "{found:?}");
+    }
+
+    #[test]
     fn few_points_tell_nothing() {
-        assert_eq!(deviations(&columns(5, 0, 0.0), 0.5, 1), None);
+        assert_eq!(deviations(&columns(5, 0, 0.0), &[false; 5], 0.5, 1), None);
     }
 }

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use image::GrayImage;
 use nalgebra::{DMatrix, Matrix2, Vector2};
-use optical_flow_lk::{TrackParams, TrackStatus, TrackerContext};
+use optical_flow_lk::{TrackOptions, TrackParams, TrackStatus, TrackerContext};
 
 use crate::{
     Image, Settings, SettingsError,
@@ -16,6 +16,8 @@ use crate::{
 
 /// Iterations of Lucas-Kanade tracking at a level.
 const ITERATIONS: usize = 20;
+/// From a prediction of the position, two levels of the pyramid are enough; what they do not find is searched for on all.
+const NEAR: TrackOptions = TrackOptions::new().with_start_level(1).with_fb_levels(1);
 /// Largest distance between tracking from the last frame and alignment with the first sight \[px\].
 const LARGEST_DRIFT: f64 = 1.5;
 /// Scales of a patch beyond which its present appearance becomes the reference.
@@ -223,7 +225,7 @@ impl Tracker {
             let ahead = track.position + track.velocity * interval;
             self.predicted.push(single(ahead));
         }
-        let mut found = self.flow_to_image();
+        let mut found = self.flow_to_image(NEAR);
         // Points that have only just begun, or that turned elsewhere than their past told: as their neighbours do.
         let missing: Vec<usize> = (0..found.len()).filter(|i| found[*i].is_none()).collect();
         if !missing.is_empty() {
@@ -241,7 +243,7 @@ impl Tracker {
                 self.points.push(single(position));
                 self.predicted.push(single(position + step));
             }
-            let again = self.flow_to_image();
+            let again = self.flow_to_image(TrackOptions::new());
             for (i, position) in missing.into_iter().zip(again) {
                 found[i] = position;
             }
@@ -288,14 +290,20 @@ impl Tracker {
     }
 
     /// Where the points are in the new image, from where they are predicted to be; `None` for those not found forward and backward.
-    fn flow_to_image(&mut self) -> Vec<Option<Vector2<f64>>> {
+    fn flow_to_image(&mut self, options: TrackOptions) -> Vec<Option<Vector2<f64>>> {
         let params = TrackParams {
             window_size: self.settings.window,
             max_iterations: ITERATIONS,
             min_eigen_threshold: 1e-2,
         };
         let backward = self.settings.backward as f32;
-        let results = (self.flow).track_fb(&self.points, Some(&self.predicted), params, backward);
+        let results = (self.flow).track_fb_with(
+            &self.points,
+            Some(&self.predicted),
+            params,
+            backward,
+            options,
+        );
         let positions = results.iter().map(|result| {
             let p = Vector2::new(f64::from(result.pos.0), f64::from(result.pos.1));
             (result.status == TrackStatus::Tracked && p.iter().all(|x| x.is_finite())).then_some(p)
@@ -350,7 +358,9 @@ impl Tracker {
                 let history = &self.tracks[old[i]].history;
                 history[history.len() - window + frame(row / 2)][row % 2]
             });
-            if let Some(deviations) = rigid::deviations(&columns, limit, self.frames) {
+            let trusted: Vec<bool> = old.iter().map(|i| self.tracks[*i].verified).collect();
+            let seed = self.frames;
+            if let Some(deviations) = rigid::deviations(&columns, &trusted, limit, seed) {
                 for (i, deviation) in old.into_iter().zip(deviations) {
                     worst[i] = Some(worst[i].unwrap_or(0.0).max(deviation));
                 }

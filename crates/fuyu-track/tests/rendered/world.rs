@@ -19,8 +19,12 @@ pub struct World {
     pub position: Vector3<f64>,
     /// \[m/s\]
     pub velocity: Vector3<f64>,
-    /// \[rad/s\], constant
+    /// At time 0 \[rad/s\], body axes.
     pub angular_velocity: Vector3<f64>,
+    /// Principal moments of inertia, body axes; equal ones give a constant rotation.
+    pub moments: Vector3<f64>,
+    /// Times between which the Sun is hidden \[s\].
+    pub eclipse: [f64; 2],
     /// Toward the Sun.
     pub sun: Vector3<f64>,
     /// How bright stars are, 1 is physical; 0 leaves them out.
@@ -47,6 +51,8 @@ impl World {
             position: Vector3::new(0.1, -0.05, 8.0),
             velocity: Vector3::new(0.01, 0.0, 0.0),
             angular_velocity: Vector3::new(0.06, 0.1, 0.08),
+            moments: Vector3::repeat(1.0),
+            eclipse: [f64::INFINITY; 2],
             sun: Vector3::new(-0.4, -0.5, -1.0),
             stars: 0.0,
             arm: false,
@@ -54,13 +60,38 @@ impl World {
         }
     }
 
+    /// From the body's axes to the camera's: Euler's equations and kinematics by the classical Runge-Kutta method.
+    pub fn rotation(&self, time: f64) -> UnitQuaternion<f64> {
+        let J = self.moments;
+        let rate = |w: Vector3<f64>| (J.component_mul(&w).cross(&w)).component_div(&J);
+        let steps = (time / 0.02).ceil().max(1.0);
+        let h = time / steps;
+        let (mut q, mut w) = (UnitQuaternion::identity(), self.angular_velocity);
+        for _ in 0..steps as usize {
+            let a = rate(w);
+            let b = rate(w + 0.5 * h * a);
+            let c = rate(w + 0.5 * h * b);
+            let d = rate(w + h * c);
+            let next = w + h / 6.0 * (a + 2.0 * b + 2.0 * c + d);
+            // The mean rate over the step, to third order.
+            let middle = w + 0.5 * h * b;
+            q *= UnitQuaternion::from_scaled_axis((w + 4.0 * middle + next) * (h / 6.0));
+            w = next;
+        }
+        q
+    }
+
     /// The image at `time` \[s\].
     pub fn view(&self, time: f64) -> View {
-        let rotation = UnitQuaternion::from_scaled_axis(self.angular_velocity * time);
+        let rotation = self.rotation(time);
         let place = self.position + self.velocity * time;
         let X_CB = Isometry3::from_parts(place.into(), rotation);
         let mut scene = Scene::new();
         scene.sun.direction = self.sun;
+        if time >= self.eclipse[0] && time < self.eclipse[1] {
+            scene.sun.intensity = 0.0;
+            scene.ambient = 0.0;
+        }
         scene.shadow_resolution = 512;
         scene.instances.push(Instance::new(
             self.mesh.clone(),
