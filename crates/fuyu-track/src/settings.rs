@@ -38,8 +38,8 @@ pub struct Settings {
     pub margin: usize,
     /// What belongs to the target in images without a mask.
     pub target: Target,
-    /// Frames over which the points must move as one rigid body, 6 at least; a point is reported once it has been found to. 0 does not
-    /// test it.
+    /// Frames over which the points must move as one rigid body, 6 at least; a point is reported in frames in which it is found to, which
+    /// takes six points. 0 does not test it.
     pub rigid_frames: usize,
     /// Largest deviation of a point from the motion of the body, root mean square over these frames \[px\].
     pub rigid_error: f64,

@@ -90,8 +90,10 @@ struct Track {
     history: VecDeque<Vector2<f64>>,
     frames: u32,
     strikes: u32,
-    /// Whether it has been found to move with the others.
+    /// Whether it has ever been found to move with the others.
     verified: bool,
+    /// Whether it has in this frame. Points that are too few to be tested may have begun to slide.
+    passed: bool,
 }
 
 /// Tracks points of a body from image to image.
@@ -190,7 +192,7 @@ impl Tracker {
         self.last = Some(time);
         self.frames += 1;
         let confirmed = (self.tracks.iter())
-            .filter(|t| t.verified && t.frames as usize >= self.settings.confirmation);
+            .filter(|t| t.passed && t.frames as usize >= self.settings.confirmation);
         let features = confirmed.map(|track| Feature {
             id: track.id,
             u: track.position.x,
@@ -372,7 +374,8 @@ impl Tracker {
                 Some(d) if d > limit => track.strikes + 1,
                 _ => 0,
             };
-            track.verified |= deviation.is_some_and(|d| d <= limit);
+            track.passed = deviation.is_some_and(|d| d <= limit);
+            track.verified |= track.passed;
         }
         let before = self.tracks.len();
         self.tracks.retain(|track| track.strikes < STRIKES);
@@ -417,7 +420,8 @@ impl Tracker {
                 history: VecDeque::from([position]),
                 frames: 1,
                 strikes: 0,
-                verified: self.settings.rigid_frames == 0,
+                verified: false,
+                passed: self.settings.rigid_frames == 0,
             });
         }
     }

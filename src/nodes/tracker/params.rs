@@ -65,7 +65,7 @@ impl TrackerParams {
             usual.rigid_frames,
             0,
             200,
-            "Frames over which the points must move as one rigid body, 6 or more; a point is published once it has been found to. 0 does not test it",
+            "Frames over which the points must move as one rigid body, 6 or more; a point is published in frames in which it is found to, which takes six points. 0 does not test it",
         );
         let confirmation = count(
             "confirmation",
