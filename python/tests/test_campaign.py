@@ -23,7 +23,7 @@ dispersions:
   controller.k_p: {apply: scale, normal: {mean: 1.0, sigma: 0.05}}
   'dynamics.initial_joint_positions[2]': {apply: add, uniform: {min: -0.05, max: 0.05}}
 keep:
-  results: [tip_position_error, final.q.joint_1]
+  results: [tip_position_error, final.q.joint1]
 success:
   - tip_position_error < 2.0
 """
@@ -60,7 +60,7 @@ def test_a_campaign_is_that_of_the_command_line(command, file, tmp_path):
     assert campaign.parameters_of(7) == {name: row[name] for name in campaign.parameters}
     assert (campaign.name, campaign.runs, campaign.seed) == ("small", 40, 3)
     assert campaign.parameters == ["controller.k_p", "dynamics.initial_joint_positions[2]"]
-    assert campaign.results == ["tip_position_error", "final.q.joint_1"]
+    assert campaign.results == ["tip_position_error", "final.q.joint1"]
     assert campaign.criteria == ["tip_position_error < 2.0"]
     (tmp_path / "run.yaml").write_text(campaign.scenario_text(7))
     again = fuyu.Scenario(tmp_path / "run.yaml").simulate(0.5)

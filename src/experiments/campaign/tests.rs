@@ -24,6 +24,24 @@ fn campaign(runs: u64, seconds: f64, lines: &str) -> Result<Campaign, String> {
     )
 }
 
+// The first file of docs/campaigns.md.
+#[test]
+fn the_example_of_the_manual_is_a_campaign() {
+    let manual = include_str!("../../../docs/campaigns.md");
+    let blocks = manual.split("```yaml\n").skip(1);
+    let text = blocks.filter_map(|block| block.split("```").next()).next();
+    let scenario = resource::resolve("package://fuyu/config/positioning.yaml").unwrap();
+    let campaign = Campaign::new(
+        PathBuf::from("docs/campaigns.md"),
+        text.unwrap().to_owned(),
+        scenario.path(),
+        scenario.text(LARGEST_YAML).unwrap(),
+        Some(3),
+    );
+    let campaign = campaign.unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!((campaign.runs(), campaign.results().len()), (3, 6));
+}
+
 fn numbers(campaign: &Campaign, run: u64) -> Vec<f64> {
     let cells = campaign.parameters_of(run);
     cells.iter().map(|cell| cell.number().unwrap()).collect()
