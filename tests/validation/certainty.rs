@@ -100,7 +100,9 @@ fn it_is_as_sure_as_it_is_right() {
 #[test]
 fn a_wrong_focal_length_makes_it_less_sure() {
     let values = values(0..40, false);
-    assert!(values[values.len() - 1] < 64.0, "{values:.1?}");
+    // Nine standard deviations. It is said to be exact, so this is the estimator's answer to a wrong input; by default it is
+    // estimated, and the same problems are within the limits of the test above.
+    assert!(values[values.len() - 1] < 81.0, "{values:.1?}");
 }
 
 /// Like the first batches of the servicing scenario: a slow body nine radii away, seen for some seconds at 10 Hz. In

@@ -12,12 +12,12 @@ use nalgebra::Vector3;
 const ALLOWANCE: f64 = 1.0;
 
 /// The cumulative sum at which the motion has changed.
-const SUM_LIMIT: f64 = 25.0;
+const SUM_LIMIT: f64 = 30.0;
 
 /// Weight of a frame in the mean, and the square of the mean over its variance at which the motion has changed. A
-/// chi-squared variable of three degrees of freedom exceeds it with a probability of 1e-7.
+/// chi-squared variable of three degrees of freedom exceeds it with a probability of 1e-8.
 const WEIGHT: f64 = 0.08;
-const MEAN_LIMIT: f64 = 36.0;
+const MEAN_LIMIT: f64 = 40.0;
 
 /// Weight of a frame in the levels.
 const LEVEL_WEIGHT: f64 = 0.002;

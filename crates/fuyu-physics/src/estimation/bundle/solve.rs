@@ -47,6 +47,9 @@ const AS_WHITE: f64 = 1.35;
 const WELL: f64 = 1.06;
 const AGREE: f64 = 0.01;
 
+/// Largest accepted ratio of residuals to the noise that is white over time, after all starts.
+const MOST_AS_WHITE: f64 = 1.5;
+
 /// An outlier counts as a residual of this many times the noise.
 const OUTLIER: f64 = 6.0;
 
@@ -123,6 +126,10 @@ pub(super) fn solve(
     // Larger residuals than the noise that is white over time are those of another minimum, or of what the model lacks.
     let fits_noise = |b: &GlobalFit| {
         white.is_none_or(|white| b.residuals.deviation < AS_WHITE * white.max(assumed))
+    };
+    // No start may have found the motion, or it is none that the model knows.
+    let explained = |b: &GlobalFit| {
+        white.is_none_or(|white| b.residuals.deviation < MOST_AS_WHITE * white.max(assumed))
     };
     // A little larger ones may be as well.
     let fits_well =
@@ -206,7 +213,12 @@ pub(super) fn solve(
         }
     }
     match best {
-        Some(best) if best.residuals.outliers < MOST_OUTLIERS && quiet(&best) && trusted(&best) => {
+        Some(best)
+            if best.residuals.outliers < MOST_OUTLIERS
+                && quiet(&best)
+                && trusted(&best)
+                && explained(&best) =>
+        {
             best.finish(camera, options)
         }
         Some(best) if 3 * resected >= frames.list.len() || shared < MIN_POINTS => {
