@@ -163,6 +163,12 @@ fn nothing_is_no_push() {
         .ok()
         .and_then(|n| n.parse().ok())
         .unwrap_or(1.0);
-    let each = (0..(hours * 12.0) as u64).map(|k| watch(500 + k, 300.0, None).losses.len());
+    let each = (0..(hours * 12.0) as u64).map(|k| {
+        let losses = watch(500 + k, 300.0, None).losses;
+        if !losses.is_empty() {
+            println!("body {k}: lost at {losses:.1?} s");
+        }
+        losses.len()
+    });
     println!("{} false alarms in {hours} hours", each.sum::<usize>());
 }
