@@ -20,7 +20,7 @@ fn error(problem: CampaignError) -> PyErr {
 }
 
 /// A campaign's file, ready to run.
-#[pyclass(frozen, module = "fuyu._fuyu", subclass)]
+#[pyclass(frozen, module = "fuyu._fuyu")]
 pub struct CampaignFile {
     campaign: campaign::Campaign,
 }

@@ -45,6 +45,11 @@ const FEW_STAND_FOR_ALL: f64 = 0.3;
 /// Error states.
 type StateVector = SVector<f64, STATES>;
 
+/// The covariance with a share of its trace added in all directions.
+fn widened(covariance: &Matrix3<f64>, share: f64) -> Matrix3<f64> {
+    covariance + Matrix3::identity() * (share * covariance.trace() / 3.0)
+}
+
 /// A square root of a covariance, which may be singular.
 fn square_root(covariance: &StateCovariance) -> StateCovariance {
     let eigen = covariance.symmetric_eigen();
@@ -194,7 +199,7 @@ impl MotionState {
         let weights: f64 = others.motions.iter().map(|(weight, _)| weight).sum();
         let share = weights * (FEW_DIRECTIONS + squares / (weights * weights).max(1e-12)).min(1.0);
         for sum in &mut covariances {
-            *sum += Matrix3::identity() * (share * sum.trace() / 3.0);
+            *sum = widened(sum, share);
         }
         for (sum, all) in covariances.iter_mut().zip(of_all) {
             let deviation = sum.trace().max(0.0).sqrt();
@@ -257,12 +262,12 @@ impl MotionState {
             }
         }
         // Samples say nothing about rare errors: a part of the spread is taken to be in all directions.
-        let widened = |sum: Matrix3<f64>| {
+        let spread = |sum: Matrix3<f64>| {
             let mean = sum / f64::max(count, 1.0);
             let share = ISOTROPIC + ISOTROPIC_PER_RADIAN * mean.trace().sqrt().min(1.0);
-            mean + Matrix3::identity() * (share * mean.trace() / 3.0)
+            widened(&mean, share)
         };
-        (count > 0.0).then(|| sums.into_iter().map(widened).collect())
+        (count > 0.0).then(|| sums.into_iter().map(spread).collect())
     }
 
     /// The motion of a state that differs by `step`. The angular velocity changes to first order with the step, so

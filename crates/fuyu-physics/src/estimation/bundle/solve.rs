@@ -124,13 +124,12 @@ pub(super) fn solve(
         ],
     };
     // Larger residuals than the noise that is white over time are those of another minimum, or of what the model lacks.
-    let fits_noise = |b: &GlobalFit| {
-        white.is_none_or(|white| b.residuals.deviation < AS_WHITE * white.max(assumed))
+    let as_white = |b: &GlobalFit, most: f64| {
+        white.is_none_or(|white| b.residuals.deviation < most * white.max(assumed))
     };
+    let fits_noise = |b: &GlobalFit| as_white(b, AS_WHITE);
     // No start may have found the motion, or it is none that the model knows.
-    let explained = |b: &GlobalFit| {
-        white.is_none_or(|white| b.residuals.deviation < MOST_AS_WHITE * white.max(assumed))
-    };
+    let explained = |b: &GlobalFit| as_white(b, MOST_AS_WHITE);
     // A little larger ones may be as well.
     let fits_well =
         |b: &GlobalFit| b.residuals.deviation < WELL * white.unwrap_or(first).max(assumed);
