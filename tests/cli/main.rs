@@ -15,6 +15,7 @@ mod flexible;
 mod free_motion;
 mod fuyu;
 mod grasps;
+mod grippers;
 mod images;
 mod input_files;
 mod inspect;

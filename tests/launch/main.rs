@@ -31,6 +31,7 @@ mod filter;
 mod flexible;
 mod free_motion;
 mod grasping;
+mod grippers;
 mod images;
 mod joining;
 mod large_commands;

@@ -1,12 +1,13 @@
-//! The drives of the robot's joints: held efforts, a velocity servo, a position servo, or a motion of the whole arm.
+//! The drives of the robot's joints: held efforts, a velocity servo, a position servo, or a motion of the whole arm; and
+//! grippers.
 
 use super::{
-    external_wrenches::ExternalWrenches, joint_command::Setpoint, mean_efforts::MeanEfforts,
-    robot::Robot,
+    external_wrenches::ExternalWrenches, gripper_drive::GripperDrive, joint_command::Setpoint,
+    mean_efforts::MeanEfforts, params::GripperParams, robot::Robot,
 };
 use crate::{
     control::{
-        ServoGains, VelocityServo, VelocityServoConfig,
+        GripperGoal, ServoGains, VelocityServo, VelocityServoConfig,
         commander::{ArmMotion, JointDuty, JointPoint, JointServo, TwistServo},
     },
     model::Model,
@@ -29,9 +30,11 @@ enum Kind {
     Rate,
     /// A servo drives the position to a reference.
     Position,
+    /// It belongs to a gripper, whatever the arm does.
+    Gripper,
 }
 
-/// What the drives of all joints do.
+/// What the drives of all joints do, but for those of grippers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DriveMode {
     /// They hold efforts.
@@ -60,6 +63,7 @@ pub struct JointDrive {
     /// The robot with all its inertia, and with deformable bodies undeformed.
     model: Model,
     kinds: Vec<Kind>,
+    grippers: Vec<GripperDrive>,
     rate_gains: ServoGains,
     servo: VelocityServo,
     position_servo: JointServo,
@@ -77,18 +81,29 @@ pub struct JointDrive {
 }
 
 impl JointDrive {
-    /// Drives that hold zero efforts.
+    /// Drives that hold zero efforts, and grippers that hold their positions.
     ///
     /// # Errors
-    /// A line that names the wrong parameter of the servo.
-    pub fn new(robot: &Robot, config: &DriveConfig) -> Result<Self, String> {
+    /// A line that names the wrong parameter of the servo or of a gripper.
+    pub fn new(
+        robot: &Robot,
+        config: &DriveConfig,
+        grippers: &[GripperParams],
+    ) -> Result<Self, String> {
         let model = robot.rigid_model();
         let servo = VelocityServo::new(&model, config.velocity.clone())
             .map_err(|e| format!("parameter velocity_servo.{e}"))?;
         let fastest = servo.max_bandwidth(&model, &robot.state().q);
         let n = model.dof();
+        let grippers = grippers.iter().map(|g| GripperDrive::new(g, robot));
+        let grippers = grippers.collect::<Result<Vec<_>, _>>()?;
+        let mut kinds = vec![Kind::Effort; n];
+        for gripper in &grippers {
+            kinds[gripper.joint()] = Kind::Gripper;
+        }
         Ok(Self {
-            kinds: vec![Kind::Effort; n],
+            kinds,
+            grippers,
             rate_gains: config.velocity.gains.clone(),
             periods: [fastest, config.position_bandwidth].map(|fastest| SERVO_PERIOD / fastest),
             position_servo: JointServo::new(&model, config.position_bandwidth),
@@ -108,7 +123,7 @@ impl JointDrive {
         if self.motion.is_some() {
             return DriveMode::Motion;
         }
-        let are_all = |kind| self.kinds.iter().all(|k| *k == kind);
+        let are_all = |kind| (self.kinds.iter()).all(|k| *k == kind || *k == Kind::Gripper);
         // A robot without joints is in the first mode.
         if are_all(Kind::Effort) {
             DriveMode::Effort
@@ -132,7 +147,8 @@ impl JointDrive {
     }
 
     /// Sets what joints do, cut to their limits. Other joints keep what they do; a motion of the arm ends, and its
-    /// other joints come to rest. Returns which kind of setpoint was cut, if any.
+    /// other joints come to rest. Setpoints of grippers' joints have no effect. Returns which kind of setpoint was cut,
+    /// if any.
     pub fn command(
         &mut self,
         robot: &mut Robot,
@@ -141,6 +157,9 @@ impl JointDrive {
         self.settle(robot);
         let mut cut = None;
         for (joint, setpoint) in setpoints {
+            if self.kinds[joint] == Kind::Gripper {
+                continue;
+            }
             let limits = &robot.model().joints()[joint].limits;
             match setpoint {
                 Setpoint::Effort(effort) => {
@@ -224,7 +243,7 @@ impl JointDrive {
                 acceleration: 0.0,
             };
             let reference = match (&self.motion, kind) {
-                (None, Kind::Effort | Kind::Rate) => return measured,
+                (None, Kind::Effort | Kind::Rate) | (_, Kind::Gripper) => return measured,
                 (None, Kind::Position) => self.reference[j],
                 (Some(_), _) => self.reference_now(j),
             };
@@ -271,6 +290,9 @@ impl JointDrive {
         let present = self.present(robot);
         let joints = robot.model().joints().iter().zip(present);
         for (j, (joint, now)) in joints.enumerate() {
+            if self.kinds[j] == Kind::Gripper {
+                continue;
+            }
             self.kinds[j] = Kind::Position;
             // With this reference the rate decays exponentially, without overshoot.
             let rest = now.position + now.rate / self.position_servo.bandwidth();
@@ -295,16 +317,19 @@ impl JointDrive {
         }
     }
 
-    /// Holds zero efforts.
+    /// Holds zero efforts; grippers go on.
     pub fn release(&mut self, robot: &mut Robot) {
         self.changes += u64::from(self.motion.take().is_some());
-        self.kinds.fill(Kind::Effort);
+        for kind in self.kinds.iter_mut().filter(|k| **k != Kind::Gripper) {
+            *kind = Kind::Effort;
+        }
         robot.release();
     }
 
     /// Everything is as at the start.
     pub fn reset(&mut self, robot: &mut Robot) {
         self.release(robot);
+        self.grippers.iter_mut().for_each(GripperDrive::reset);
         self.servo.reset();
         self.mean_efforts.reset();
     }
@@ -331,7 +356,12 @@ impl JointDrive {
         if mode != DriveMode::Rate {
             self.servo.reset_integral();
         }
+        for gripper in &mut self.grippers {
+            gripper.follow_schedule(robot, time);
+        }
         let [rates, positions] = self.periods;
+        let of_grippers = self.grippers.iter().map(GripperDrive::longest_step);
+        let time_step = of_grippers.fold(time_step, f64::min);
         let longest = match mode {
             DriveMode::Effort => time_step,
             DriveMode::Rate => time_step.min(rates),
@@ -340,14 +370,19 @@ impl JointDrive {
         };
         let steps = step_count(seconds, longest);
         let dt = seconds / steps as f64;
-        if mode == DriveMode::Effort {
+        if mode == DriveMode::Effort && self.grippers.is_empty() {
             self.mean_efforts.add(robot.efforts().as_slice(), seconds);
             wrenches.step(robot, time, dt, steps);
             return;
         }
         for step in 0..steps {
             let now = time + step as f64 * dt;
-            self.set_efforts(robot, mode, now, dt);
+            if mode != DriveMode::Effort {
+                self.set_efforts(robot, mode, now, dt);
+            }
+            for gripper in &mut self.grippers {
+                gripper.hold_effort(robot, dt);
+            }
             self.mean_efforts.add(robot.efforts().as_slice(), dt);
             wrenches.step(robot, now, dt, 1);
         }
@@ -372,8 +407,11 @@ impl JointDrive {
         for (j, duty) in self.duties.iter_mut().enumerate() {
             let rate = self.servo.reference()[j];
             *duty = match (&self.motion, self.kinds[j], &self.rate_gains) {
+                // A gripper's effort is that of its last step.
+                (_, Kind::Gripper, _) | (None, Kind::Effort, _) => {
+                    JointDuty::Effort(robot.efforts()[j])
+                }
                 (Some(_), _, _) | (None, Kind::Position, _) => JointDuty::Track,
-                (None, Kind::Effort, _) => JointDuty::Effort(robot.efforts()[j]),
                 (None, Kind::Rate, ServoGains::Bandwidth(omega)) => JointDuty::Rate(rate, *omega),
                 (None, Kind::Rate, ServoGains::PerJoint(gains)) => {
                     JointDuty::Effort(gains[j] * (rate - robot.state().qd[j]))
@@ -382,6 +420,19 @@ impl JointDrive {
         }
         let efforts = (self.position_servo).efforts(robot.state(), &self.duties, &self.reference);
         robot.hold_efforts(efforts.as_slice());
+    }
+
+    /// The grippers, in the order of the parameter `grippers`.
+    pub fn grippers(&self) -> &[GripperDrive] {
+        &self.grippers
+    }
+
+    /// A gripper moves to a goal from now on.
+    ///
+    /// # Panics
+    /// If there are fewer grippers.
+    pub fn set_gripper_goal(&mut self, robot: &Robot, gripper: usize, goal: GripperGoal) {
+        self.grippers[gripper].set_goal(robot, goal);
     }
 
     /// Ends a tick that was `period` \[s\] long.

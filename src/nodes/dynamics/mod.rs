@@ -25,6 +25,8 @@
 //! The robot can hold targets: their frames latch at a time, when they come close, or on command, and move as one system
 //! from then on (`grasps`, `world::grasping`).
 //!
+//! Grippers are joints that only their actions move (`gripper_actions`, `gripper_drive`).
+//!
 //! Bodies with `<collision>` elements touch if the scenario has parameters of contact: robot and targets are then
 //! stepped together (`contacts`, `touching`, `world::contact`).
 //!
@@ -52,6 +54,8 @@ mod excitations;
 mod external_wrenches;
 mod free_body;
 mod grasps;
+mod gripper_actions;
+mod gripper_drive;
 mod imu;
 mod joint_command;
 mod joint_drive;
@@ -89,8 +93,8 @@ pub use messages::{
 };
 pub use params::{
     AppendageParams, ContactPairParams, ContactParams, Description, DynamicsParams, FlexibleParams,
-    GraspParams, InitialJoints, InitialMotion, LockstepOn, TargetParams, ThrusterParams,
-    WheelParams,
+    GraspParams, GripperParams, InitialJoints, InitialMotion, LockstepOn, TargetParams,
+    ThrusterParams, WheelParams,
 };
 pub use part_messages::{appendage_states, wheel_states};
 pub use robot::Robot;

@@ -6,6 +6,7 @@ use super::{
     actuator_inputs::{self, ActuatorInputs},
     clock::{Phase, SimulationClock, long_wait},
     command_handling::CommandHandler,
+    gripper_actions::{self, GripperActions},
     motions::{self, Motions},
     outputs::Outputs,
     params::DynamicsParams,
@@ -41,6 +42,7 @@ pub struct Simulation<'a> {
     pub(super) clock: SimulationClock,
     pub(super) commands: CommandHandler,
     pub(super) motions: Motions,
+    pub(super) grippers: GripperActions,
     /// `None` without the parameter `commander_interfaces`.
     pub(super) wrench_inputs: Option<WrenchInputs>,
     /// `None` for a robot without wheels and thrusters.
@@ -75,6 +77,7 @@ impl<'a> Simulation<'a> {
         Ok(Self {
             commands: CommandHandler::new(node, params)?,
             motions: Motions::new(node, params, &world)?,
+            grippers: GripperActions::new(node, &params.grippers)?,
             wrench_inputs: match params.motions.interfaces {
                 true => Some(WrenchInputs::new(node)?),
                 false => None,
@@ -210,6 +213,7 @@ impl<'a> Simulation<'a> {
         services::answer_calls(self);
         self.commands.discard();
         self.motions.discard(INACTIVE);
+        self.grippers.discard(INACTIVE);
         if let Some(inputs) = &mut self.wrench_inputs {
             inputs.discard(INACTIVE);
         }
@@ -224,6 +228,7 @@ impl<'a> Simulation<'a> {
     pub fn deactivate(&mut self) {
         self.world.halt_all();
         self.motions.abort("the node was deactivated");
+        (self.grippers).abort(&self.world, "the node was deactivated");
         self.commands.deactivate();
         self.steps.end("the node was deactivated");
     }
@@ -247,6 +252,8 @@ impl<'a> Simulation<'a> {
         self.world.halt_all();
         self.motions.abort("the simulation was reset");
         self.motions.discard("the simulation was reset");
+        (self.grippers).abort(&self.world, "the simulation was reset");
+        self.grippers.discard("the simulation was reset");
         self.commands.restart();
         if let Some(inputs) = &mut self.actuator_inputs {
             inputs.restart();
@@ -311,6 +318,7 @@ impl<'a> Simulation<'a> {
             self.clock.release();
         }
         motions::take(self);
+        gripper_actions::take(self);
         wrench_inputs::take(self);
         actuator_inputs::take(self, now);
     }
@@ -353,6 +361,7 @@ impl<'a> Simulation<'a> {
         }
         self.publish();
         motions::follow(self);
+        gripper_actions::follow(self);
         self.robot_status.report(&self.world.robot);
     }
 

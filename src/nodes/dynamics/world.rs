@@ -29,6 +29,7 @@ use nalgebra::Vector3;
 
 use crate::{
     control::{
+        GripperGoal,
         commander::{ArmMotion, TwistServo},
         with_default_effort_limits,
     },
@@ -94,7 +95,7 @@ impl World {
             wrist: Wrist::new(&params.wrist, &robot)?,
             contacts: WorldContacts::new(params, &robot, &targets)?,
             not_simulated: not_simulated(&robot, params),
-            drive: JointDrive::new(&robot, &params.drive)?,
+            drive: JointDrive::new(&robot, &params.drive, &params.grippers)?,
             wheel_torques: MeanEfforts::new(wheels.len()),
             wrenches: ExternalWrenches::new(robot.model()).with_excitations(excitations),
             start: robot.saved(),
@@ -376,6 +377,12 @@ impl World {
     pub(super) fn begin(&mut self, motion: ArmMotion) {
         self.backup.command();
         self.drive.begin(&self.robot, motion, self.time.now());
+    }
+
+    /// A gripper, in the order of the parameter `grippers`, moves to a goal from now on.
+    pub(super) fn set_gripper_goal(&mut self, gripper: usize, goal: GripperGoal) {
+        self.backup.command();
+        self.drive.set_gripper_goal(&self.robot, gripper, goal);
     }
 
     /// The joints' drives.

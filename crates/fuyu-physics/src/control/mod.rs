@@ -28,6 +28,7 @@ mod feed_forward;
 mod fixtures;
 mod floating_inverse_kinematics;
 mod gains;
+mod gripper_servo;
 mod inverse_kinematics;
 mod joint_pd;
 mod latency_compensation;
@@ -68,6 +69,9 @@ pub use effort_limits::{outstretched_inertia, with_default_effort_limits};
 pub use feed_forward::{FeedForward, MovingGoal};
 pub use floating_inverse_kinematics::FloatingInverseKinematics;
 pub use gains::{ConfigError, Gains};
+pub use gripper_servo::{
+    GripperGoal, GripperMonitor, GripperProgress, GripperServo, GripperServoConfig,
+};
 pub use inverse_kinematics::{IkError, inverse_kinematics};
 pub use joint_pd::{JointPd, JointPdConfig};
 pub use law::{Law, LawInput, LawStatus};

@@ -78,6 +78,8 @@ pub fn service_definitions() -> impl Iterator<Item = &'static Definition> {
     [
         action_msgs::services::DEFINITIONS,
         control_msgs::follow_joint_trajectory::DEFINITIONS,
+        control_msgs::gripper_command::DEFINITIONS,
+        control_msgs::parallel_gripper_command::DEFINITIONS,
         fuyu_msgs::services::DEFINITIONS,
         lifecycle_msgs::services::DEFINITIONS,
         rcl_interfaces::services::DEFINITIONS,

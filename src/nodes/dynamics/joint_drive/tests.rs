@@ -22,15 +22,18 @@ fn robot_with_effort_limit(effort: f64) -> (Robot, JointDrive) {
     let model = Model::from_urdf(&urdf, "planar").unwrap();
     let state = State::at_rest(&model);
     let robot = Robot::from(Floating::new(model, state, IntegrationMethod::Rk4));
-    let config = DriveConfig {
+    let drive = JointDrive::new(&robot, &config(), &[]).unwrap();
+    (robot, drive)
+}
+
+fn config() -> DriveConfig {
+    DriveConfig {
         velocity: VelocityServoConfig {
             gains: ServoGains::Bandwidth(10.0),
             integral: 0.0,
         },
         position_bandwidth: 10.0,
-    };
-    let drive = JointDrive::new(&robot, &config).unwrap();
-    (robot, drive)
+    }
 }
 
 fn step(drive: &mut JointDrive, robot: &mut Robot, time: f64, seconds: f64, time_step: f64) {
@@ -208,4 +211,77 @@ fn rounding_does_not_add_a_step() {
     assert_eq!(step_count(0.1 + 0.2, 0.1), 3);
     assert_eq!(step_count(0.301, 0.1), 4);
     assert_eq!(step_count(0.0, 0.1), 1);
+}
+
+// Would break if anything but its goals moved a gripper, or if a gripper changed what the other joints do.
+#[test]
+fn a_gripper_moves_whatever_the_arm_does() {
+    let (mut robot, _) = robot_with_effort_limit(1000.0);
+    let params = GripperParams {
+        name: "hand".to_owned(),
+        joint: "joint2".to_owned(),
+        max_effort: 300.0,
+        max_velocity: 0.5,
+        bandwidth: 20.0,
+        goal_tolerance: 0.01,
+        stall_velocity_threshold: 0.001,
+        stall_timeout: 1.0,
+        allow_stalling: false,
+        close_at: Some(20.0),
+        closed_position: -0.2,
+    };
+    let mut drive = JointDrive::new(&robot, &config(), std::slice::from_ref(&params)).unwrap();
+    let goal = |position| GripperGoal {
+        position,
+        max_effort: f64::INFINITY,
+        max_rate: f64::INFINITY,
+    };
+    let finger = |robot: &Robot| (robot.state().q[1], robot.state().qd[1]);
+    drive.set_gripper_goal(&robot, 0, goal(0.1));
+    let all = [(0, Setpoint::Effort(0.01)), (1, Setpoint::Effort(2.0))];
+    drive.command(&mut robot, all);
+    assert_eq!(drive.mode(), DriveMode::Effort);
+    step(&mut drive, &mut robot, 0.0, 4.0, 0.01);
+    assert!(
+        (finger(&robot).0 - 0.1).abs() < 1e-3,
+        "{:?}",
+        finger(&robot)
+    );
+    assert_eq!(robot.efforts()[0], 0.01);
+
+    drive.drive_rates(&mut robot, [(0, 0.05), (1, 1.0)]);
+    assert_eq!(drive.mode(), DriveMode::Rate);
+    drive.set_gripper_goal(&robot, 0, goal(0.3));
+    step(&mut drive, &mut robot, 4.0, 4.0, 0.01);
+    assert!(
+        (finger(&robot).0 - 0.3).abs() < 1e-3,
+        "{:?}",
+        finger(&robot)
+    );
+    assert!((robot.state().qd[0] - 0.05).abs() < 1e-3);
+
+    let now = drive.present(&robot);
+    let stop = JointSpline::stop(robot.model(), 8.0, &now);
+    drive.begin(&robot, ArmMotion::Joints(stop), 8.0);
+    drive.set_gripper_goal(&robot, 0, goal(0.0));
+    step(&mut drive, &mut robot, 8.0, 4.0, 0.01);
+    assert_eq!(drive.mode(), DriveMode::Motion);
+    assert!(finger(&robot).0.abs() < 1e-3, "{:?}", finger(&robot));
+    assert!(robot.state().qd[0].abs() < 1e-3);
+
+    drive.halt(&mut robot);
+    drive.release(&mut robot);
+    step(&mut drive, &mut robot, 12.0, 8.0, 0.01);
+    assert!(finger(&robot).0.abs() < 1e-3, "{:?}", finger(&robot));
+    // When it is time, it closes; at the first step, its effort is as large as it may be.
+    step(&mut drive, &mut robot, 20.0, 0.01, 0.01);
+    assert_eq!(robot.efforts()[1], -300.0);
+    step(&mut drive, &mut robot, 20.01, 4.0, 0.01);
+    assert!(
+        (finger(&robot).0 + 0.2).abs() < 1e-3,
+        "{:?}",
+        finger(&robot)
+    );
+    drive.reset(&mut robot);
+    assert_eq!(drive.grippers()[0].goal().position, 0.0);
 }

@@ -8,6 +8,7 @@ mod elastic_links;
 mod excitations;
 mod flexible;
 mod grasps;
+mod grippers;
 mod joint_physics;
 mod lockstep;
 mod motions;
@@ -45,6 +46,8 @@ pub use excitations::{ExcitationParams, Excited};
 pub use flexible::FlexibleParams;
 pub use grasps::GraspParams;
 use grasps::declare_grasps;
+pub use grippers::GripperParams;
+use grippers::declare_grippers;
 use joint_physics::declare_joint_physics;
 pub use lockstep::LockstepOn;
 pub use motions::{BaseReaction, LiveBaseReaction, MotionParams};
@@ -77,6 +80,8 @@ pub struct DynamicsParams {
     pub targets: Vec<TargetParams>,
     /// Grasps by which the robot can hold targets.
     pub grasps: Vec<GraspParams>,
+    /// The robot's grippers.
+    pub grippers: Vec<GripperParams>,
     /// Contact between bodies; `None` if they pass through each other.
     pub contact: Option<ContactParams>,
     /// Namespaces of all robots of this world, if there are several; the first one's node owns the time.
@@ -245,6 +250,7 @@ impl DynamicsParams {
             targets.push((name, key, file, lookup, motion, joints));
         }
         let grasps = declare_grasps(declare);
+        let grippers = declare_grippers(declare);
         let contact = declare_contact(declare, &packages);
         let imu = ImuParams::declare(declare);
         let wrist = WristParams::declare(declare);
@@ -462,6 +468,7 @@ impl DynamicsParams {
             excitations: excitations?,
             targets,
             grasps,
+            grippers: grippers?,
             contact,
             robots,
             resource_folders: AllowedFolders::new(resource_folders),

@@ -1,10 +1,20 @@
-//! ROS package [`control_msgs`](https://docs.ros.org/en/jazzy/p/control_msgs/): tolerances and the action of joint
-//! trajectories.
+//! ROS package [`control_msgs`](https://docs.ros.org/en/jazzy/p/control_msgs/): actions that move joints and
+//! grippers, and their tolerances.
 
 pub mod follow_joint_trajectory;
+pub mod gripper_command;
+pub mod parallel_gripper_command;
 
 crate::messages! {
     package control_msgs;
+
+    /// What a gripper with one joint is asked for.
+    message GripperCommand {
+        /// Position of its joint \[m or rad\].
+        position: f64,
+        /// Largest effort \[N or N m\]; 0 is no limit.
+        max_effort: f64,
+    }
 
     /// Tolerances of a joint: 0 is the server's default, -1 is no tolerance.
     message JointTolerance {

@@ -1,0 +1,126 @@
+//! The drive of a gripper's joint. Nothing else moves that joint: commands and motions of the arm have no effect on it.
+
+use super::{params::GripperParams, robot::Robot};
+use crate::{
+    control::{GripperGoal, GripperServo, GripperServoConfig},
+    dynamics::Workspace,
+    model::Model,
+};
+
+/// A gripper: its joint, its servo, and the goal that the scenario gives it at a time.
+pub struct GripperDrive {
+    joint: usize,
+    servo: GripperServo,
+    /// The servo at the start.
+    start: GripperServo,
+    /// Effort of the last step \[N or N m\].
+    effort: f64,
+    /// When the gripper closes, and where \[s, m or rad\].
+    closing: Option<(f64, f64)>,
+    has_closed: bool,
+}
+
+impl GripperDrive {
+    /// The drive of a robot's gripper, which holds its position at the start.
+    ///
+    /// # Errors
+    /// A line that names the parameter and the joints that there are.
+    pub fn new(params: &GripperParams, robot: &Robot) -> Result<Self, String> {
+        let model = robot.model();
+        let name = &params.name;
+        let Some(joint) = model.joint_index(&params.joint) else {
+            let joints = model.joints().iter().map(|joint| joint.name.as_str());
+            return Err(format!(
+                "parameter {name}.joint: the robot has no joint '{}' that moves on its own; it has {}",
+                params.joint,
+                joints.collect::<Vec<_>>().join(", ")
+            ));
+        };
+        if robot.loops().is_some() {
+            return Err(format!(
+                "parameter {name}.joint: joints of a robot with loop_closures do not move on their own; remove the gripper or the closures"
+            ));
+        }
+        let limits = &model.joints()[joint].limits;
+        let q = robot.state().q[joint];
+        let config = GripperServoConfig {
+            inertia: moved_inertia(&robot.rigid_model(), robot, joint),
+            damping: model.joints()[joint].damping,
+            bandwidth: params.bandwidth,
+            positions: [limits.lower, limits.upper],
+            max_effort: params.max_effort.min(limits.effort),
+            max_rate: params.max_velocity.min(limits.velocity),
+        };
+        let servo = GripperServo::new(config, q);
+        Ok(Self {
+            joint,
+            start: servo.clone(),
+            servo,
+            effort: 0.0,
+            closing: params.close_at.map(|at| (at, params.closed_position)),
+            has_closed: false,
+        })
+    }
+
+    /// Index of its joint.
+    pub fn joint(&self) -> usize {
+        self.joint
+    }
+
+    /// Where it moves, within its limits.
+    pub fn goal(&self) -> &GripperGoal {
+        self.servo.goal()
+    }
+
+    /// Its effort in the last step \[N or N m\].
+    pub fn effort(&self) -> f64 {
+        self.effort
+    }
+
+    /// Longest step for which the servo may hold its effort \[s\].
+    pub fn longest_step(&self) -> f64 {
+        0.5 / self.servo.config().bandwidth
+    }
+
+    /// Moves to a goal from now on.
+    pub fn set_goal(&mut self, robot: &Robot, goal: GripperGoal) {
+        self.servo.set_goal(goal, robot.state().q[self.joint]);
+    }
+
+    /// Closes, if that is due at `time` \[s\].
+    pub fn follow_schedule(&mut self, robot: &Robot, time: f64) {
+        if let Some((at, position)) = self.closing
+            && time >= at - 1e-9
+            && !self.has_closed
+        {
+            self.has_closed = true;
+            let goal = GripperGoal {
+                position,
+                max_effort: f64::INFINITY,
+                max_rate: f64::INFINITY,
+            };
+            self.set_goal(robot, goal);
+        }
+    }
+
+    /// Sets the effort for a step of `dt` \[s\] among the robot's `efforts`.
+    pub fn hold_effort(&mut self, robot: &mut Robot, dt: f64) {
+        let (q, qd) = (robot.state().q[self.joint], robot.state().qd[self.joint]);
+        self.effort = self.servo.effort(q, qd, dt);
+        robot.input_mut().efforts[self.joint] = self.effort;
+    }
+
+    /// It holds its position at the start, and closes again when that is due.
+    pub fn reset(&mut self) {
+        self.servo = self.start.clone();
+        self.effort = 0.0;
+        self.has_closed = false;
+    }
+}
+
+/// Inertia that a joint moves while the others do not, with the base free \[kg or kg m²\].
+fn moved_inertia(model: &Model, robot: &Robot, joint: usize) -> f64 {
+    let mut workspace = Workspace::new(model);
+    workspace.set_positions(&robot.state().q);
+    workspace.reduced_inertia()[(joint, joint)]
+}

@@ -1,0 +1,168 @@
+//! Parameters of grippers: the joint of each, its limits, and when its goals are over.
+
+use super::numbers::{limit, not_negative};
+use crate::ros::Declare;
+
+/// Parameters of a gripper.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GripperParams {
+    /// Its name: actions are below it.
+    pub name: String,
+    /// The joint that moves it; others may follow by `mimic`.
+    pub joint: String,
+    /// Largest effort \[N or N m\]; infinite for that of the joint.
+    pub max_effort: f64,
+    /// Largest rate \[m/s or rad/s\].
+    pub max_velocity: f64,
+    /// Natural frequency of the servo \[rad/s\].
+    pub bandwidth: f64,
+    /// Largest distance from a goal at which it is reached \[m or rad\].
+    pub goal_tolerance: f64,
+    /// Rate below which the gripper does not move \[m/s or rad/s\].
+    pub stall_velocity_threshold: f64,
+    /// How long it must not move to stall \[s\].
+    pub stall_timeout: f64,
+    /// Whether a goal succeeds if the gripper stalls.
+    pub allow_stalling: bool,
+    /// When it closes \[s\]; `None` is on command.
+    pub close_at: Option<f64>,
+    /// Where it closes to \[m or rad\].
+    pub closed_position: f64,
+}
+
+/// Declares `grippers` and the parameters of each, and reads them.
+///
+/// # Errors
+/// A line that names the parameter.
+pub(super) fn declare_grippers(declare: &mut Declare) -> Result<Vec<GripperParams>, String> {
+    let names = declare
+        .param(
+            "grippers",
+            Vec::<String>::new(),
+            "Names of the robot's grippers",
+        )
+        .read_only()
+        .value();
+    let mut once: Vec<String> = Vec::new();
+    let mut twice = None;
+    for name in names {
+        match once.contains(&name) {
+            true => twice = twice.or(Some(name)),
+            false => once.push(name),
+        }
+    }
+    // All are declared before the first error, so that no parameter is reported as unknown.
+    let all: Vec<_> = (once.into_iter())
+        .map(|name| GripperParams::declare(declare, name))
+        .collect();
+    if let Some(name) = twice {
+        return Err(format!(
+            "parameter grippers: '{name}' is given twice; grippers need different names"
+        ));
+    }
+    for (i, gripper) in all.iter().enumerate() {
+        if let Some(other) = all[..i].iter().find(|other| other.joint == gripper.joint) {
+            return Err(format!(
+                "parameter {}.joint: '{}' is the joint of gripper '{}' already; give each gripper its own joint",
+                gripper.name, gripper.joint, other.name
+            ));
+        }
+    }
+    Ok(all)
+}
+
+impl GripperParams {
+    fn declare(declare: &mut Declare, name: String) -> Self {
+        let key = |parameter: &str| format!("{name}.{parameter}");
+        let joint = declare
+            .required(
+                &key("joint"),
+                "Joint that moves the gripper; other fingers follow it by mimic",
+            )
+            .read_only()
+            .value();
+        let max_effort = limit(
+            declare,
+            &key("max_effort"),
+            "Largest effort of the gripper's joint, below that of its description [N or N m]",
+        );
+        let max_velocity = declare
+            .param(
+                &key("max_velocity"),
+                0.05,
+                "Rate at which the gripper opens and closes [m/s or rad/s]",
+            )
+            .range(1e-6, 1e3)
+            .read_only()
+            .value();
+        let bandwidth = declare
+            .param(
+                &key("bandwidth"),
+                20.0,
+                "Natural frequency of the gripper's servo [rad/s]",
+            )
+            .range(1e-2, 1e4)
+            .read_only()
+            .value();
+        let goal_tolerance = not_negative(
+            declare,
+            &key("goal_tolerance"),
+            0.01,
+            "Largest distance from a goal at which it is reached [m or rad]",
+        );
+        let stall_velocity_threshold = not_negative(
+            declare,
+            &key("stall_velocity_threshold"),
+            0.001,
+            "Rate below which the gripper does not move [m/s or rad/s]",
+        );
+        let stall_timeout = not_negative(
+            declare,
+            &key("stall_timeout"),
+            1.0,
+            "How long the gripper must not move, away from its goal, to stall [s]",
+        );
+        let allow_stalling = declare
+            .param(
+                &key("allow_stalling"),
+                false,
+                "A goal succeeds if the gripper stalls; otherwise it is aborted. The gripper presses on in both cases",
+            )
+            .read_only()
+            .value();
+        let close_at: f64 = declare
+            .param(
+                &key("close_at"),
+                -1.0,
+                "Time at which the gripper closes, with max_effort [s]; negative is on command",
+            )
+            .check("a finite number", |value: &f64| match value.is_finite() {
+                true => Ok(()),
+                false => Err(format!("{value} is not finite")),
+            })
+            .read_only()
+            .value();
+        let closed_position = declare
+            .param(
+                &key("closed_position"),
+                0.0,
+                "Position of the joint to which the gripper closes at close_at [m or rad]",
+            )
+            .range(-1e6, 1e6)
+            .read_only()
+            .value();
+        Self {
+            joint,
+            max_effort,
+            max_velocity,
+            bandwidth,
+            goal_tolerance,
+            stall_velocity_threshold,
+            stall_timeout,
+            allow_stalling,
+            close_at: (close_at >= 0.0).then_some(close_at),
+            closed_position,
+            name,
+        }
+    }
+}
