@@ -14,6 +14,7 @@ mod layers;
 mod package;
 #[cfg(feature = "ros")]
 mod readme;
+mod shared_builds;
 mod sources;
 #[cfg(feature = "ros")]
 mod your_own_arm;
