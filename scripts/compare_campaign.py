@@ -240,7 +240,7 @@ def check_law(robot: fuyu.Model, peer: Peer) -> float:
 
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("--runs", type=int, default=32, help="runs of a round: MuJoCo's robots in a call")
+    options.add_argument("--runs", type=int, default=256, help="runs of a round: MuJoCo's robots in a call")
     options.add_argument("--rounds", type=int, default=7)
     options.add_argument("--seconds", type=float, default=60.0, help="simulated time of a run")
     options.add_argument("--campaign", default=str(ROOT / "config/campaigns/positioning.yaml"))

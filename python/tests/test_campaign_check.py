@@ -1,7 +1,9 @@
 """The same campaign by Dask with a killed worker, killed and continued, and run by run: scripts/check-campaign.py, small."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from conftest import ROOT
@@ -23,3 +25,16 @@ def test_nobody_changes_a_campaign(command, tmp_path):
     assert dask.startswith("dask: one of two workers killed after ") and dask.endswith("same bytes")
     assert killed.startswith("killed 1 times") and killed.endswith("same bytes")
     assert alone == "3 runs alone: 6 numbers, all equal"
+
+
+def test_a_scheduler_without_workers_is_refused(command, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    file = tmp_path / "small.yaml"
+    file.write_text(CAMPAIGN)
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    with distributed.LocalCluster(n_workers=0, processes=True, dashboard_address=None) as cluster:
+        run = [command, "campaign", "run", str(file), "--output", str(tmp_path / "out"), "--engine", "dask"]
+        run += ["--address", cluster.scheduler_address]
+        done = subprocess.run(run, capture_output=True, text=True, timeout=60, env=os.environ | {"PATH": path})
+    assert done.returncode == 2, done.stderr
+    assert "the scheduler has no workers" in done.stderr

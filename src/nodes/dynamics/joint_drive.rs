@@ -327,6 +327,10 @@ impl JointDrive {
         if seconds <= 0.0 {
             return;
         }
+        if let Some((dt, steps)) = self.begin_held(robot, seconds, time_step) {
+            wrenches.step(robot, time, dt, steps);
+            return;
+        }
         let mode = self.mode();
         if mode != DriveMode::Rate {
             self.servo.reset_integral();
@@ -340,17 +344,29 @@ impl JointDrive {
         };
         let steps = step_count(seconds, longest);
         let dt = seconds / steps as f64;
-        if mode == DriveMode::Effort {
-            self.mean_efforts.add(robot.efforts().as_slice(), seconds);
-            wrenches.step(robot, time, dt, steps);
-            return;
-        }
         for step in 0..steps {
             let now = time + step as f64 * dt;
             self.set_efforts(robot, mode, now, dt);
             self.mean_efforts.add(robot.efforts().as_slice(), dt);
             wrenches.step(robot, now, dt, 1);
         }
+    }
+
+    /// If all joints hold their efforts: counts these for `seconds`, and returns length \[s\] and number of the integration steps of at
+    /// most `time_step` \[s\].
+    pub fn begin_held(
+        &mut self,
+        robot: &Robot,
+        seconds: f64,
+        time_step: f64,
+    ) -> Option<(f64, usize)> {
+        if self.mode() != DriveMode::Effort {
+            return None;
+        }
+        self.servo.reset_integral();
+        let steps = step_count(seconds, time_step);
+        self.mean_efforts.add(robot.efforts().as_slice(), seconds);
+        Some((seconds / steps as f64, steps))
     }
 
     /// Counts an effort of `joint` that is not the drive's, for `seconds`, among the mean efforts.

@@ -4,6 +4,7 @@ mod block;
 mod joints;
 mod lanes;
 mod rows;
+mod together;
 
 use std::any::Any;
 use std::sync::Arc;
@@ -15,6 +16,7 @@ use self::block::{Block, put, read};
 use self::joints::JointScratch;
 use self::lanes::LaneStepper;
 pub use self::rows::EffortRows;
+pub use self::together::Together;
 use super::joint_physics::JointSteps;
 use super::kernel::{GROUP_SIZE, Tree};
 use super::{IntegrationMethod, JointPhysics, State, Tableau, checks};
