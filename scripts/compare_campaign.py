@@ -8,7 +8,7 @@ least that MuJoCo needs. Both use one thread.
 
 The programs alternate, and the ratios are those of neighbours in time: medians of `--rounds` of them. Errors are those of the base's
 attitude at the end against a run with an eighth of the step, the law sampled as before: MuJoCo's is with the fewest steps
-per period whose error is not larger than fuyu's, and with one.
+per period whose error is at most twice fuyu's, and with one.
 
     pip install ./python mujoco numpy
     python scripts/compare_campaign.py
@@ -37,7 +37,7 @@ from vector_env import check, mjcf  # noqa: E402
 #: Control period [s].
 PERIOD = 0.01
 #: Of config/positioning.yaml.
-POSTURE = np.array([1.1344640137963142, 1.7278759594743862, -1.6580627893946132, -0.3839724354387525, 0.0523598775598299, -0.7330382858376184])
+POSTURE = np.radians([65.0, 99.0, -95.0, -22.0, 3.0, -42.0])
 GOAL = np.array([3.662078985521887, 5.4440225463358125, 0.37996776327278203])
 GOAL_XYZW = np.array([0.7701167439055318, 0.2742138532588425, 0.1334195108859386, -0.5602911721169955])
 K_P, K_O = 75.0, 100.0
@@ -259,7 +259,7 @@ def main() -> None:
     for substeps in (1, 2, 4, 8, 16, 32):
         errors[substeps] = angle(Peer(robot, few, substeps).run(periods)[:, 4:8], reference)
         print(f"  MuJoCo, {substeps} steps per period: {errors[substeps]:.1e} rad", flush=True)
-        if errors[substeps] <= max(own_error, 1e-12):
+        if errors[substeps] <= 2 * own_error:
             equal = substeps
             break
     programs = {

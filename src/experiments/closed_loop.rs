@@ -448,8 +448,7 @@ impl VisualServo {
                 self.feature_frames.push(frame);
             }
         }
-        (self.feed(world, stamp, &X_WB, &gyro, frames))
-            .map_err(|e| at(e.to_string()))?;
+        (self.feed(world, stamp, &X_WB, &gyro, frames)).map_err(|e| at(e.to_string()))?;
         let report = self.control_loop.step();
         let report = report.ok_or_else(|| at("no joint state is due".to_owned()))?;
         if let Err(e) = &report.control {

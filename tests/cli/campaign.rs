@@ -211,7 +211,10 @@ fn wrong_input_is_refused_in_one_line() {
         ("tcp://127.0.0.1:1", "Connection refused"),
         ("127.0.0.1:1", "Connection refused"),
         ("tcp://127.0.0.1", "invalid socket address"),
-        ("tcp://no-such-host.invalid:8786", "failed to lookup address"),
+        (
+            "tcp://no-such-host.invalid:8786",
+            "failed to lookup address",
+        ),
     ] {
         let refused = format!("--address {address}: no Dask scheduler answers: {problem}");
         other(&[&dask[..], &[address]].concat(), &refused);
@@ -284,7 +287,10 @@ fn a_full_file_system_is_one_line() {
         eprintln!("SKIPPED: no file system can be mounted in a user namespace here");
         return;
     }
-    for (size, file) in [("16k", "journal/part-000000"), ("64k", "results/part-000000")] {
+    for (size, file) in [
+        ("16k", "journal/part-000000"),
+        ("64k", "results/part-000000"),
+    ] {
         let mut command = vec![env!("CARGO_BIN_EXE_fuyu").to_owned()];
         command.extend(run(&config, &mount.join("out"), &[]));
         let output = in_namespace(size, &command).unwrap();

@@ -17,8 +17,7 @@ use super::{
 };
 use crate::{
     experiments::{
-        Fleet,
-        simulate_together,
+        Fleet, simulate_together,
         simulation::{self, Observed, Stop},
     },
     nodes::scenario::Scenario,
@@ -261,16 +260,19 @@ impl Campaign {
             return None;
         }
         let mut ended = fleets.iter().zip(ends);
-        let outcomes = scenarios.into_iter().zip(refused).map(|(scenario, refused)| {
-            let outcome = match refused {
-                Some(outcome) => outcome,
-                None => {
-                    let ((fleet, _), observed) = ended.next()?;
-                    end_of(&scenario, fleet, observed)
-                }
-            };
-            Some((scenario, outcome))
-        });
+        let outcomes = scenarios
+            .into_iter()
+            .zip(refused)
+            .map(|(scenario, refused)| {
+                let outcome = match refused {
+                    Some(outcome) => outcome,
+                    None => {
+                        let ((fleet, _), observed) = ended.next()?;
+                        end_of(&scenario, fleet, observed)
+                    }
+                };
+                Some((scenario, outcome))
+            });
         outcomes.collect()
     }
 }
