@@ -63,8 +63,8 @@ impl Run<'_> {
     }
 }
 
-/// Simulates each fleet up to its duration \[s\], the last state included, as [`simulate`](super::simulation::simulate) does, with the
-/// same results to the bit. `watch` sees every state of each, which it is told by number.
+/// Simulates each fleet up to its duration \[s\], the last state included, as [`simulate`](super::simulation::simulate)
+/// does, with the same results to the bit. `watch` sees every state of each, which it is told by number.
 pub fn simulate_together(
     fleets: &mut [(Fleet, f64)],
     mut watch: impl FnMut(usize, &Fleet, &[Observed]) -> Result<(), Stop>,

@@ -368,8 +368,8 @@ impl Drop for WorkerProcess {
     }
 }
 
-/// Computes the runs whose numbers come on stdin, those of a line together, and writes a row for each to stdout. Returns when stdin ends,
-/// also during a run: then whoever asked is gone.
+/// Computes the runs whose numbers come on stdin, those of a line together, and writes a row for each to stdout.
+/// Returns when stdin ends, also during a run: then whoever asked is gone.
 ///
 /// # Errors
 /// [`CampaignError::Input`] if `folder` holds no campaign.

@@ -55,8 +55,8 @@ impl Campaign {
         self.row_of(run, &scenario, outcome, folder, start)
     }
 
-    /// Simulates several runs at the same time in this thread, whose plants are stepped in SIMD lanes where they can be: the
-    /// same rows as those of [`Campaign::run_one`], sooner. The wall time of a run is its share.
+    /// Simulates several runs at the same time in this thread, whose plants are stepped in SIMD lanes where they can
+    /// be: the same rows as those of [`Campaign::run_one`], sooner. The wall time of a run is its share.
     ///
     /// # Errors
     /// As [`Campaign::run_one`].
@@ -74,7 +74,8 @@ impl Campaign {
         let is_single = runs.len() < 2 || keep.bags == Bags::All || keep.series.is_some();
         let outcomes = match is_single {
             true => None,
-            // What one of them does must not change the others: after a panic, or too long a time, each is computed alone.
+            // What one of them does must not change the others: after a panic, or too long a time, each is computed
+            // alone.
             false => catch_unwind(AssertUnwindSafe(|| self.simulate_all(runs)))
                 .ok()
                 .flatten(),

@@ -134,8 +134,8 @@ fn with_noise(truth: Vector3<f64>, noise: f64, random: &mut NoiseGenerator) -> V
     }
 }
 
-/// Normal numbers of a state, which are the same whenever they are drawn. The generator is seeded with the first one: an
-/// ideal unit needs none.
+/// Normal numbers of a state, which are the same whenever they are drawn. The generator is seeded with the first one:
+/// an ideal unit needs none.
 struct NoiseGenerator {
     seed: u64,
     /// Made with the first number.

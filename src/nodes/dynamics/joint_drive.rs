@@ -352,8 +352,8 @@ impl JointDrive {
         }
     }
 
-    /// If all joints hold their efforts: counts these for `seconds`, and returns length \[s\] and number of the integration steps of at
-    /// most `time_step` \[s\].
+    /// If all joints hold their efforts: counts these for `seconds`, and returns length \[s\] and number of the
+    /// integration steps of at most `time_step` \[s\].
     pub fn begin_held(
         &mut self,
         robot: &Robot,

@@ -181,8 +181,8 @@ impl Floating {
         self.refresh();
     }
 
-    /// The tableau of its steps, if lanes compute the same; `None` with closed loops, damping or friction in the joints, mimic
-    /// joints, another formulation, or wrenches.
+    /// The tableau of its steps, if lanes compute the same; `None` with closed loops, damping or friction in the
+    /// joints, mimic joints, another formulation, or wrenches.
     #[cfg(feature = "batch")]
     pub(super) fn lane_tableau(&self) -> Option<&'static Tableau> {
         let has_wrench = self.input.wrenches.iter().any(|w| *w != Wrench::ZERO);

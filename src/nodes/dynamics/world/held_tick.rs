@@ -1,5 +1,5 @@
-//! Ticks in which nothing happens but that a rigid robot moves under held efforts: their steps may be computed elsewhere,
-//! together with those of other worlds.
+//! Ticks in which nothing happens but that a rigid robot moves under held efforts: their steps may be computed
+//! elsewhere, together with those of other worlds.
 
 use super::World;
 use crate::dynamics::Floating;
@@ -14,9 +14,9 @@ pub struct HeldTick {
 }
 
 impl World {
-    /// Begins the next tick, if nothing happens in it but steps of a rigid robot, without targets, contacts, wrenches and servos.
-    /// Time has advanced then; [`World::held_robot`] must be stepped, and [`World::finish_held_tick`] called. Otherwise
-    /// nothing has changed: [`World::step_to_tick`] is for all ticks.
+    /// Begins the next tick, if nothing happens in it but steps of a rigid robot, without targets, contacts, wrenches
+    /// and servos. Time has advanced then; [`World::held_robot`] must be stepped, and [`World::finish_held_tick`]
+    /// called. Otherwise nothing has changed: [`World::step_to_tick`] is for all ticks.
     pub fn begin_held_tick(&mut self) -> Option<HeldTick> {
         let is_alone = self.targets.is_empty() && self.contacts.is_none() && self.grasps.are_none();
         let is_left = self.wrenches.are_none() && !self.time.is_between_ticks();

@@ -62,8 +62,8 @@ const MAX_WAITING: usize = 1000;
 
 /// Extrapolates camera measurements of one tip and its goal to the present.
 ///
-/// Frames are evaluated when a prediction is asked for. Without any they only wait, which costs a small part of it, and the
-/// first prediction evaluates those of the last seconds.
+/// Frames are evaluated when a prediction is asked for. Without any they only wait, which costs a small part of it, and
+/// the first prediction evaluates those of the last seconds.
 #[derive(Debug, Clone)]
 pub(in crate::control) struct Predictor {
     base: BaseMotion,

@@ -399,7 +399,8 @@ impl WithSimd for Run<'_, '_> {
                 if let Some(joints) = &mut scratch.joints {
                     joints.before.copy_states(block);
                 }
-                // The only call, and not from a closure: otherwise it would be compiled without the processor's instructions.
+                // The only call, and not from a closure: otherwise it would be compiled without the processor's
+                // instructions.
                 for first in (0..GROUP_SIZE).step_by(S::F64_LANES) {
                     stepper.run(setup, block, (first, index), part, &mut self.forced);
                 }

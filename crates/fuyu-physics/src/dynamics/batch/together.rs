@@ -7,8 +7,8 @@ use crate::dynamics::kernel::GROUP_SIZE;
 use crate::dynamics::{Floating, Tableau};
 use crate::model::Model;
 
-/// Steps several [`Floating`] of the same robot together, each under its own held efforts: one instruction serves as many as the
-/// processor's registers have lanes. Everything stays with the robots; only the steps are common.
+/// Steps several [`Floating`] of the same robot together, each under its own held efforts: one instruction serves as
+/// many as the processor's registers have lanes. Everything stays with the robots; only the steps are common.
 ///
 /// Each moves exactly as by [`Floating::step`], to the bit. There are no threads.
 ///
@@ -42,8 +42,8 @@ pub struct Together {
 }
 
 impl Together {
-    /// For robots like `robot`; `None` if its steps are not those of a batch: closed loops, damping or friction in the joints,
-    /// mimic joints, another formulation.
+    /// For robots like `robot`; `None` if its steps are not those of a batch: closed loops, damping or friction in the
+    /// joints, mimic joints, another formulation.
     pub fn new(robot: &Floating) -> Option<Self> {
         let tableau = robot.lane_tableau()?;
         let model = robot.model();
@@ -64,16 +64,16 @@ impl Together {
         &self.batch.setup.model
     }
 
-    /// Whether `robot` can be stepped with the others: it is the same one and is integrated in the same way, and no wrench
-    /// acts on it.
+    /// Whether `robot` can be stepped with the others: it is the same one and is integrated in the same way, and no
+    /// wrench acts on it.
     pub fn fits(&self, robot: &Floating) -> bool {
         let tableau = robot.lane_tableau();
         tableau.is_some_and(|tableau| std::ptr::eq(tableau, self.tableau))
             && robot.model() == self.model()
     }
 
-    /// Advances all robots by `steps` steps of `dt` \[s\] under their held efforts. They must [fit](Self::fits), which is not
-    /// checked.
+    /// Advances all robots by `steps` steps of `dt` \[s\] under their held efforts. They must [fit](Self::fits), which
+    /// is not checked.
     ///
     /// # Panics
     /// If a robot has another number of joints.
