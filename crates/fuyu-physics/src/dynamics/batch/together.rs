@@ -177,8 +177,8 @@ mod tests {
         assert_as_alone(&limited);
     }
 
-    // Lanes that the compiler does not compile for the processor's registers, such as those in a closure, are several times
-    // slower than single steps; otherwise they take a fraction. The median of rounds, since machines are busy.
+    // Lanes that the compiler does not compile for the processor's registers, such as those in a closure, are several
+    // times slower than single steps; otherwise they take a fraction. The median of rounds, since machines are busy.
     #[cfg(target_arch = "x86_64")]
     #[test]
     #[cfg_attr(debug_assertions, ignore = "lanes are for optimised builds")]
