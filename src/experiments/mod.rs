@@ -54,7 +54,7 @@ pub use final_state::{
     FinalAppendage, FinalContact, FinalMomentum, FinalMotor, FinalState, FinalTarget, FinalWheel,
 };
 pub use fleet::Fleet;
-pub use observations::{Observations, ObservedTracks};
+pub use observations::{Observations, ObservedTracks, Tracking};
 pub use operated::{Drive, Operated};
 pub use other_bodies::OtherBodies;
 pub use performance::{Performance, Summary};

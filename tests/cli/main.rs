@@ -19,6 +19,7 @@ mod images;
 mod input_files;
 mod inspect;
 mod reproduce;
+mod tracked_images;
 mod tracking;
 mod two_servicers;
 mod views;

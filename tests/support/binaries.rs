@@ -8,6 +8,7 @@ pub fn binary(name: &str) -> &'static str {
         "camera" => env!("CARGO_BIN_EXE_camera"),
         "controller" => env!("CARGO_BIN_EXE_controller"),
         "estimator" => env!("CARGO_BIN_EXE_estimator"),
+        "tracker" => env!("CARGO_BIN_EXE_tracker"),
         "teleop" => env!("CARGO_BIN_EXE_teleop"),
         "attitude" => env!("CARGO_BIN_EXE_attitude"),
         "recorder" => env!("CARGO_BIN_EXE_recorder"),

@@ -5,6 +5,8 @@ use fuyu_render::Distortion;
 use super::feature_params::FeatureParams;
 use crate::{
     model::{Frame, Model},
+    msg::fuyu_msgs::FeatureTracks,
+    nodes::topics::{self, Topic},
     spatial::Pose,
     vision::{FeatureCamera, FeatureCameraConfig, FeatureFrame},
 };
@@ -16,6 +18,8 @@ pub const CAMERA_FRAME: &str = "camera_optical_frame";
 pub struct TargetCamera {
     /// The target's name.
     pub target: String,
+    /// Where its features are published.
+    pub topic: Topic<FeatureTracks>,
     camera: FeatureCamera,
 }
 
@@ -24,6 +28,10 @@ impl TargetCamera {
     pub fn new(params: &FeatureParams) -> Self {
         Self {
             target: params.target.clone(),
+            topic: match params.is_truth {
+                true => topics::TRUE_FEATURES,
+                false => topics::FEATURES,
+            },
             camera: FeatureCamera::new(params.quality.clone(), params.points.clone()),
         }
     }
@@ -36,6 +44,7 @@ impl TargetCamera {
         };
         Self {
             target: self.target,
+            topic: self.topic,
             camera: self.camera.with_lens(move |point| lens.distort(point)),
         }
     }
