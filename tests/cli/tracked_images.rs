@@ -33,7 +33,7 @@ fn recording() -> &'static Path {
         let path = folder.path().join("scenario.yaml");
         let mut text = CONFIG.to_owned();
         for (from, to) in [
-            ("rate: 10.0\n      samples: 2", "rate: 5.0"),
+            ("rate: 10.0\n      samples", "rate: 5.0\n      samples"),
             (
                 "segmentation: true",
                 "segmentation: true\n        compressed: png",

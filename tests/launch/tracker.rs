@@ -67,7 +67,7 @@ fn ids_stay_with_their_points_and_the_estimator_finds_the_motion() {
         let domain = 141;
         let (_folder, config) = scenario(
             "config/servicing_tracker.yaml",
-            &[("rate: 10.0\n      samples: 2", "rate: 5.0")],
+            &[("rate: 10.0\n      samples", "rate: 5.0\n      samples")],
         );
         let args = [&["--duration", "40"], &GENTLE[..]].concat();
         let mut launch = Running::launch(domain, &config, &args);
