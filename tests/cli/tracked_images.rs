@@ -185,7 +185,8 @@ fn compressed_images_are_enough() {
     let path = copied("unmasked", false);
     let refused = track(&path, &["--mask-id", "2"]);
     assert_eq!(refused.code, 2);
-    let reason = "holds no message on /camera/segmentation (sensor_msgs/msg/Image), which --mask-id needs";
+    let reason =
+        "holds no message on /camera/segmentation (sensor_msgs/msg/Image), which --mask-id needs";
     assert!(refused.stderr.contains(reason), "{}", refused.stderr);
     // Without --track the line says what would help.
     let untracked = fuyu(&["estimate", path.to_str().unwrap()]);
@@ -203,7 +204,10 @@ fn files(folder: &Path) -> [PathBuf; 3] {
     });
     for (topic, path) in [("image_raw", &images), ("segmentation", &masks)] {
         for m in bag.read::<Image>(&format!("/camera/{topic}")).unwrap() {
-            let name = format!("{:.3}.png", Time::from(&m.message.header.stamp).as_secs_f64());
+            let name = format!(
+                "{:.3}.png",
+                Time::from(&m.message.header.stamp).as_secs_f64()
+            );
             let (width, data) = (640, m.message.data);
             let to = path.join(name);
             if topic == "image_raw" {
@@ -212,11 +216,17 @@ fn files(folder: &Path) -> [PathBuf; 3] {
                     .save(to)
                     .unwrap();
             } else {
-                let ids = data.chunks_exact(2).map(|x| u16::from_le_bytes([x[0], x[1]]));
-                image::ImageBuffer::<image::Luma<u16>, _>::from_raw(width, 480, ids.collect::<Vec<_>>())
-                    .unwrap()
-                    .save(to)
-                    .unwrap();
+                let ids = data
+                    .chunks_exact(2)
+                    .map(|x| u16::from_le_bytes([x[0], x[1]]));
+                image::ImageBuffer::<image::Luma<u16>, _>::from_raw(
+                    width,
+                    480,
+                    ids.collect::<Vec<_>>(),
+                )
+                .unwrap()
+                .save(to)
+                .unwrap();
             }
         }
     }
@@ -241,7 +251,15 @@ fn the_motion_follows_from_png_files() {
     let folder = tempfile::tempdir().unwrap();
     let [images, masks, gyro] = files(folder.path()).map(|p| p.to_str().unwrap().to_owned());
     let images = Path::new(&images);
-    let options = ["--mask", &masks, "--mask-id", "2", "--gyro", &gyro, "--json"];
+    let options = [
+        "--mask",
+        &masks,
+        "--mask-id",
+        "2",
+        "--gyro",
+        &gyro,
+        "--json",
+    ];
     let found = json(&track(images, &[&options[..], &CALIBRATION].concat()));
     is_right(&found);
     let refused = |options: &[&str], reason: &str| {
@@ -263,12 +281,18 @@ fn the_motion_follows_from_png_files() {
     refused(&["--mask", &masks, "--mask-id", "2"], "masks/5.000.png");
     // Without --track it is a folder of PNG files.
     let untracked = fuyu(&["estimate", images.to_str().unwrap()]);
-    assert!(untracked.stderr.contains("with --track"), "{}", untracked.stderr);
+    assert!(
+        untracked.stderr.contains("with --track"),
+        "{}",
+        untracked.stderr
+    );
     // Wrong files among the images are named.
     fs::write(images.join("6.1.png"), b"no image").unwrap();
     refused(&[], "6.1.png");
     fs::remove_file(images.join("6.1.png")).unwrap();
-    image::GrayImage::new(20, 20).save(images.join("6.2.png")).unwrap();
+    image::GrayImage::new(20, 20)
+        .save(images.join("6.2.png"))
+        .unwrap();
     refused(&[], "6.2.png");
     fs::rename(images.join("6.2.png"), images.join("last.png")).unwrap();
     refused(&[], "last.png: the name is no time");

@@ -127,7 +127,10 @@ fn ids_stay_with_their_points_and_the_estimator_finds_the_motion() {
         let w = &odometry.iter().find(at).unwrap().twist.twist.angular;
         let truth = target[&stamp].rotation * Vector3::new(w.x, w.y, w.z);
         let error = (w_W - truth).norm();
-        println!("angular velocity off by {error:.5} of {:.3} rad/s", truth.norm());
+        println!(
+            "angular velocity off by {error:.5} of {:.3} rad/s",
+            truth.norm()
+        );
         assert!(error < 0.03 * truth.norm(), "{w_W} {truth}");
     });
 }
@@ -156,10 +159,20 @@ fn publish(peer: &mut Peer, image: &Value) {
 fn wrong_images_of_a_peer_are_reported_and_the_next_ones_are_tracked() {
     let domain = 142;
     let mut tracker = command("tracker", domain);
-    tracker.args(["--ros-args", "-p", "rigid_frames:=0", "-p", "confirmation:=1"]);
+    tracker.args([
+        "--ros-args",
+        "-p",
+        "rigid_frames:=0",
+        "-p",
+        "confirmation:=1",
+    ]);
     let mut tracker = Running::start(tracker);
     let mut peer = crate::joining::peer_with_interfaces("eye", domain);
-    peer.subscribe("camera/features", "fuyu_msgs/msg/FeatureTracks", "sensor_data");
+    peer.subscribe(
+        "camera/features",
+        "fuyu_msgs/msg/FeatureTracks",
+        "sensor_data",
+    );
     peer.subscribe(
         "diagnostics",
         "diagnostic_msgs/msg/DiagnosticArray",
@@ -169,9 +182,17 @@ fn wrong_images_of_a_peer_are_reported_and_the_next_ones_are_tracked() {
         level == 1 && text.contains("nothing has arrived on /camera/image_raw yet")
     });
     let wrong: [(&str, Value, &str); 9] = [
-        ("encoding", json!("yuv422"), "encoding is 'yuv422'; it must be one of"),
+        (
+            "encoding",
+            json!("yuv422"),
+            "encoding is 'yuv422'; it must be one of",
+        ),
         ("encoding", json!(""), "encoding is ''"),
-        ("encoding", json!("rgb8"), "step is 64; it must be at least 192"),
+        (
+            "encoding",
+            json!("rgb8"),
+            "step is 64; it must be at least 192",
+        ),
         ("width", json!(0), "width and height are 0 and 48"),
         ("height", json!(4_294_967_295_u32), "4294967295"),
         ("width", json!(65), "step is 64; it must be at least 65"),
@@ -215,9 +236,11 @@ fn wrong_images_of_a_peer_are_reported_and_the_next_ones_are_tracked() {
             frame["u"][i].as_f64()
         };
         let first = features[0]["ids"].as_array().unwrap();
-        let kept: Vec<_> = first.iter().zip(features[0]["u"].as_array().unwrap()).filter_map(|(id, u)| {
-            Some(at(id)? - u.as_f64()?)
-        }).collect();
+        let kept: Vec<_> = first
+            .iter()
+            .zip(features[0]["u"].as_array().unwrap())
+            .filter_map(|(id, u)| Some(at(id)? - u.as_f64()?))
+            .collect();
         assert!(kept.len() >= 4, "{frame}");
         for moved in kept {
             assert!((moved + k as f64).abs() < 0.2, "{moved} in frame {k}");

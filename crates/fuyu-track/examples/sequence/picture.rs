@@ -40,7 +40,13 @@ impl Paths {
     pub fn write(&self, grey: &[u8], width: usize, to: &Path) -> Result<(), Box<dyn Error>> {
         let height = grey.len() / width;
         // Darker, so that the paths are seen, and without the noise of the sky, which takes most of the file.
-        let dim = |x: &u8| if *x < 8 { 0 } else { (u16::from(*x) * 3 / 4) as u8 };
+        let dim = |x: &u8| {
+            if *x < 8 {
+                0
+            } else {
+                (u16::from(*x) * 3 / 4) as u8
+            }
+        };
         let mut pixels: Vec<u8> = grey.iter().flat_map(|x| [dim(x); 3]).collect();
         let mut bounds = [width, 0, height, 0];
         let mut dot = |[u, v]: [f64; 2], colour: [u8; 3], radius: i64| {

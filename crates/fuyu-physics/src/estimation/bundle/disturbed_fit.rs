@@ -148,7 +148,13 @@ where
         found.1 = covariance_of::<L, G>(scene, &fit, &rounding, lasting, true)?.1;
     }
     let (covariance, point_covariances) = found;
-    let others = other_shapes::<L, G>(scene, &by_least_squares, &covariance, settings.noise, lasting);
+    let others = other_shapes::<L, G>(
+        scene,
+        &by_least_squares,
+        &covariance,
+        settings.noise,
+        lasting,
+    );
     let model = fit.motion;
     let (motion, acceleration, by_common) = model.last_state::<G>();
     let of_state = |covariance: &SMatrix<f64, G, G>| -> StateCovariance {

@@ -135,7 +135,10 @@ mod tests {
         for memory in [0.5, 0.9] {
             let expected = (1.0 + memory) / (1.0 - memory);
             let factor = of_courses(&courses(memory));
-            assert!((factor / expected - 1.0).abs() < 0.15, "{factor} {expected}");
+            assert!(
+                (factor / expected - 1.0).abs() < 0.15,
+                "{factor} {expected}"
+            );
         }
     }
 }
