@@ -78,6 +78,9 @@ impl Paths {
                 dot(*last, colour, 1);
             }
         }
+        if self.paths.is_empty() {
+            bounds = [0, width, 0, height];
+        }
         let first = [bounds[0], bounds[2]].map(|x| x.saturating_sub(BORDER));
         let end = [
             (bounds[1] + BORDER).min(width),
