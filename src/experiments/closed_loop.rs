@@ -23,7 +23,7 @@ use crate::{
         geometry::{message_round_trip, vector_from_msg, with_matrix},
         scenario::Scenario,
         tip_frame,
-        topics::Topic,
+        topics::{self, Topic},
     },
     ros::Time,
     spatial::Pose,
@@ -193,7 +193,10 @@ impl ClosedLoop {
     /// Where the camera publishes feature points, if it tracks those of a target.
     pub fn topic_of_features(&self) -> Option<Topic<FeatureTracks>> {
         let target = self.servo.as_ref()?.target.as_ref()?;
-        Some(target.target_camera.topic)
+        Some(match target.target_camera.is_truth {
+            true => topics::TRUE_FEATURES,
+            false => topics::FEATURES,
+        })
     }
 
     /// Runs camera and controller for the present state, then calls `observe`: the new efforts are set, time has not

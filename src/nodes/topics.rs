@@ -189,15 +189,6 @@ pub struct Topic<M> {
     message: PhantomData<fn() -> M>,
 }
 
-// Not derived: that would ask it of the message.
-impl<M> Clone for Topic<M> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-
-impl<M> Copy for Topic<M> {}
-
 impl<M: Interface> Topic<M> {
     const fn new(name: &'static str, qos: Qos) -> Self {
         Self {

@@ -33,7 +33,10 @@ impl TargetTopics {
         status.warn(format!("nothing has arrived on {} yet", odometry.topic()));
         Ok(Self {
             odometry,
-            features: camera.topic.advertise(node)?,
+            features: match camera.is_truth {
+                true => topics::TRUE_FEATURES.advertise(node)?,
+                false => topics::FEATURES.advertise(node)?,
+            },
             truth: StampPairs::default(),
             status,
         })

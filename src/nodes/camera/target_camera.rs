@@ -5,8 +5,6 @@ use fuyu_render::Distortion;
 use super::feature_params::FeatureParams;
 use crate::{
     model::{Frame, Model},
-    msg::fuyu_msgs::FeatureTracks,
-    nodes::topics::{self, Topic},
     spatial::Pose,
     vision::{FeatureCamera, FeatureCameraConfig, FeatureFrame},
 };
@@ -18,8 +16,8 @@ pub const CAMERA_FRAME: &str = "camera_optical_frame";
 pub struct TargetCamera {
     /// The target's name.
     pub target: String,
-    /// Where its features are published.
-    pub topic: Topic<FeatureTracks>,
+    /// Whether its features are published as the truth.
+    pub is_truth: bool,
     camera: FeatureCamera,
 }
 
@@ -28,10 +26,7 @@ impl TargetCamera {
     pub fn new(params: &FeatureParams) -> Self {
         Self {
             target: params.target.clone(),
-            topic: match params.is_truth {
-                true => topics::TRUE_FEATURES,
-                false => topics::FEATURES,
-            },
+            is_truth: params.is_truth,
             camera: FeatureCamera::new(params.quality.clone(), params.points.clone()),
         }
     }
@@ -44,7 +39,7 @@ impl TargetCamera {
         };
         Self {
             target: self.target,
-            topic: self.topic,
+            is_truth: self.is_truth,
             camera: self.camera.with_lens(move |point| lens.distort(point)),
         }
     }
