@@ -171,12 +171,22 @@ fn compressed_images_are_enough() {
     let copied = |name: &str, with_masks: bool| {
         let path = folder.path().join(name);
         let mut to = Writer::create(&path, WriterOptions::default()).unwrap();
-        copy::<CompressedImage>(&from, &mut to, "/camera/image_raw/compressed");
+        if !with_masks {
+            copy::<CompressedImage>(&from, &mut to, "/camera/image_raw/compressed");
+        }
         copy::<CameraInfo>(&from, &mut to, "/camera/camera_info");
         copy::<Imu>(&from, &mut to, "/imu");
         copy::<TFMessage>(&from, &mut to, "/tf_static");
         if with_masks {
-            copy::<Image>(&from, &mut to, "/camera/segmentation");
+            let names = ["/camera/image_raw/compressed", "/camera/segmentation"];
+            let images = to.add_topic(Topic::of::<CompressedImage>(names[0], Qos::SENSOR_DATA));
+            let masks = to.add_topic(Topic::of::<Image>(names[1], Qos::SENSOR_DATA));
+            let (images, masks) = (images.unwrap(), masks.unwrap());
+            let seen = from.read::<CompressedImage>(names[0]).unwrap();
+            for (a, b) in seen.iter().zip(from.read::<Image>(names[1]).unwrap()) {
+                to.write_message(images, a.log_time, &a.message).unwrap();
+                to.write_message(masks, b.log_time, &b.message).unwrap();
+            }
         }
         to.finish().unwrap();
         path
