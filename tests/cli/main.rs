@@ -18,6 +18,7 @@ mod grasps;
 mod images;
 mod input_files;
 mod inspect;
+mod mission;
 mod reproduce;
 mod tracking;
 mod two_servicers;

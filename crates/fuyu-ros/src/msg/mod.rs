@@ -78,6 +78,7 @@ pub fn service_definitions() -> impl Iterator<Item = &'static Definition> {
     [
         action_msgs::services::DEFINITIONS,
         control_msgs::follow_joint_trajectory::DEFINITIONS,
+        fuyu_msgs::capture::DEFINITIONS,
         fuyu_msgs::services::DEFINITIONS,
         lifecycle_msgs::services::DEFINITIONS,
         rcl_interfaces::services::DEFINITIONS,
