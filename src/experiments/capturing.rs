@@ -1,6 +1,6 @@
 //! A capture mission with its camera and estimator, in one thread, without DDS.
 
-use nalgebra::UnitQuaternion;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{EstimationLoop, GraspLoad};
 use crate::{
@@ -56,7 +56,7 @@ pub struct CaptureAnswer<'a> {
     /// Joint efforts that it commands.
     pub efforts: Vec<f64>,
     /// Couple on the base \[N m\], if it commands one.
-    pub couple: Option<nalgebra::Vector3<f64>>,
+    pub couple: Option<Vector3<f64>>,
 }
 
 impl Capturing {
@@ -183,6 +183,7 @@ impl Capturing {
             q: q.as_slice(),
             qd: qd.as_slice(),
             w_B,
+            wheels: Vector3::zeros(),
         };
         let command = self.mission.step(&sample).map_err(|e| at(e.to_string()))?;
         let (efforts, couple) = (command.efforts.to_vec(), command.couple);

@@ -18,6 +18,8 @@ pub use params::MissionParams;
 
 use std::time::Duration;
 
+use nalgebra::Vector3;
+
 use super::{
     geometry::{pose_from_msg, vector_from_msg, with_matrix},
     joint_vectors,
@@ -236,6 +238,7 @@ impl Work {
             q: q.as_slice(),
             qd: qd.as_slice(),
             w_B: vector_from_msg(&imu.angular_velocity),
+            wheels: Vector3::zeros(),
         };
         let command = mission.step(&sample).map_err(|e| e.to_string())?;
         let header = Header {

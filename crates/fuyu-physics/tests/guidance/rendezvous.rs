@@ -165,7 +165,7 @@ fn goals_out_of_reach_and_limits_are_refused_with_a_reason() {
         center: None,
     };
     let error = planner.plan(&task(&far, 20.0)).unwrap_err();
-    assert!(matches!(error, PlanError::NotReached { .. }), "{error}");
+    assert!(matches!(error, PlanError::NoPosture(_)), "{error}");
     let near = goal(Vector3::new(0.3, 0.1, -0.1), Vector3::zeros());
     let error = planner.plan(&task(&near, 1.0)).unwrap_err();
     assert!(matches!(error, PlanError::Joint { .. }), "{error}");
@@ -177,8 +177,5 @@ fn goals_out_of_reach_and_limits_are_refused_with_a_reason() {
     };
     let error = planner.plan(&blocked).unwrap_err();
     assert!(matches!(error, PlanError::Clearance { .. }), "{error}");
-    // The first arrival for which the limits hold.
-    let tasks = [1.0, 2.0, 20.0, 30.0].map(|arrival| task(&near, arrival));
-    let plan = planner.earliest(tasks.into_iter()).unwrap();
-    assert_eq!(plan.arrival, 20.0);
+    assert!(planner.plan(&task(&near, 20.0)).is_ok());
 }

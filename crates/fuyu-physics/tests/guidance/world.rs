@@ -307,6 +307,7 @@ impl World {
             q: &q,
             qd: &qd,
             w_B,
+            wheels: Vector3::zeros(),
         };
         let Command {
             efforts,

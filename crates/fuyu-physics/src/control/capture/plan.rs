@@ -73,6 +73,9 @@ pub enum PlanError {
         /// What is left \[rad\].
         angle: f64,
     },
+    /// With the base where it is, no posture of the arm reaches the target.
+    #[error("no posture of the arm reaches the target at {0:.1} s")]
+    NoPosture(f64),
     /// The arm would be nearly singular at the arrival.
     #[error(
         "the arm is nearly singular where it meets the target at {arrival:.1} s (singular value {value:.3}, least {SINGULAR})"
@@ -187,7 +190,7 @@ pub(super) fn quintic(from: &JointPoint, to: &JointPoint, T: f64) -> [f64; 6] {
 pub(super) fn rank(error: &PlanError) -> u8 {
     match error {
         PlanError::Unknown(_) => 0,
-        PlanError::NotReached { .. } => 1,
+        PlanError::NoPosture(_) | PlanError::NotReached { .. } => 1,
         PlanError::Singular { .. } => 2,
         PlanError::Clearance { .. } => 3,
         PlanError::Joint { .. } => 4,

@@ -89,13 +89,7 @@ impl RendezvousPlanner {
                 }
             }
         }
-        best.ok_or_else(|| {
-            failure.unwrap_or(PlanError::NotReached {
-                arrival: task.arrival,
-                position: f64::INFINITY,
-                angle: f64::INFINITY,
-            })
-        })
+        best.ok_or_else(|| failure.unwrap_or(PlanError::NoPosture(task.arrival)))
     }
 
     /// The same with the end and shape of an earlier plan as start of the search.
@@ -117,23 +111,5 @@ impl RendezvousPlanner {
         let bumps = &earlier.bumps * left.clamp(0.0, 1.0).powi(3);
         let shot = self.shoot(task, end, &bumps)?;
         self.checked(task, shot, bumps)
-    }
-
-    /// The first of `arrivals` \[s\] for which there is a plan.
-    ///
-    /// # Errors
-    /// [`PlanError`] of the last one.
-    pub fn earliest<'a>(
-        &mut self,
-        tasks: impl Iterator<Item = Rendezvous<'a>>,
-    ) -> Result<Plan, PlanError> {
-        let mut failure = PlanError::Unknown(f64::INFINITY);
-        for task in tasks {
-            match self.plan(&task) {
-                Ok(plan) => return Ok(plan),
-                Err(e) => failure = e,
-            }
-        }
-        Err(failure)
     }
 }

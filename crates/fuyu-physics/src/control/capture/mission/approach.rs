@@ -16,6 +16,8 @@ const FROZEN: f64 = 0.15;
 const GIVEN_UP: f64 = 2.0;
 /// Time after the final approach for which the arm must be able to follow the target \[s\].
 const GRASPING: f64 = 6.0;
+/// Interrupted approaches after which the mission is aborted.
+const MOST_INTERRUPTIONS: u32 = 5;
 /// Longest time without a plan from where the arm is \[s\].
 const PLANLESS: f64 = 5.0;
 
@@ -90,15 +92,14 @@ impl CaptureMission {
 
     /// Aborts if the approach has not begun in time.
     fn give_up_waiting(&mut self, time: f64, reason: Option<String>) -> Option<Stage> {
-        let begun = self.begun.unwrap_or(time);
-        if time - begun <= self.config.observe_timeout {
+        if self.waited <= self.config.observe_timeout {
             return None;
         }
         let reason = (self.lost(time))
             .or(reason)
             .unwrap_or_else(|| "the target has not been observed for long enough".to_owned());
         Some(self.stop(AfterStop::Abort(format!(
-            "no approach within {:.0} s: {reason}",
+            "no approach after {:.0} s of waiting: {reason}",
             self.config.observe_timeout
         ))))
     }
@@ -220,6 +221,17 @@ impl CaptureMission {
         (1..=count).map(at).collect()
     }
 
+    /// Stops an approach that cannot go on, and plans again; not too often.
+    fn interrupt(&mut self, reason: String) -> Stage {
+        self.interruptions += 1;
+        self.stop(match self.interruptions < MOST_INTERRUPTIONS {
+            true => AfterStop::Plan(reason),
+            false => AfterStop::Abort(format!(
+                "the approach was interrupted {MOST_INTERRUPTIONS} times: {reason}"
+            )),
+        })
+    }
+
     pub(super) fn approach(&mut self, time: f64, plan: Box<Plan>, planned: f64) -> Stage {
         let mut plan = plan;
         let mut planned = planned;
@@ -236,13 +248,14 @@ impl CaptureMission {
             return self.stop(AfterStop::Abort(reason));
         }
         if self.is_paused {
-            return self.stop(AfterStop::Plan);
+            self.waited = 0.0;
+            return self.stop(AfterStop::Plan("paused by the operator".to_owned()));
         }
         if let Some(reason) = self.lost(time) {
             return self.stop(AfterStop::Abort(reason));
         }
-        if self.uncertain(plan.arrival, GIVEN_UP).is_some() {
-            return self.stop(AfterStop::Plan);
+        if let Some(reason) = self.uncertain(plan.arrival, GIVEN_UP) {
+            return self.interrupt(reason);
         }
         if time >= plan.arrival - 1e-9 {
             let turn = self.own.state().R_WB.angle_to(&plan.R_IB);
@@ -267,7 +280,7 @@ impl CaptureMission {
                     let count = self.report().figure("plans").unwrap_or(1.0) + 1.0;
                     self.report().set("plans", count, "");
                 }
-                Err(_) if time > planned + PLANLESS => return self.stop(AfterStop::Plan),
+                Err(e) if time > planned + PLANLESS => return self.interrupt(e.to_string()),
                 // It goes on by the last plan; the final approach makes up for a small error.
                 Err(_) => {}
             }

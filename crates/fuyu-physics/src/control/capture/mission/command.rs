@@ -25,6 +25,8 @@ pub struct Sample<'a> {
     pub qd: &'a [f64],
     /// Angular velocity of the base by the gyro, base axes \[rad/s\].
     pub w_B: Vector3<f64>,
+    /// Angular momentum of the wheels relative to the base, base axes \[N m s\]; zero without wheels.
+    pub wheels: Vector3<f64>,
 }
 
 /// What the mission commands.

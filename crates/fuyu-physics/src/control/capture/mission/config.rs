@@ -157,8 +157,22 @@ impl CaptureConfig {
             ("excitation_time", self.excitation_time),
             ("gyro_noise", self.gyro_noise),
             ("condition_limit", self.condition_limit),
+            ("track_window", self.track.window),
+            ("link_radius", self.clearance.link_radius),
+            ("base_radius", self.clearance.base_radius),
+            ("keep_out", self.clearance.keep_out),
+            ("margin", self.clearance.margin),
+            ("velocity_share", self.limits.velocity),
+            ("default_velocity", self.limits.default_velocity),
+            ("acceleration", self.limits.acceleration),
+            ("effort_share", self.limits.effort),
+            ("attempts", f64::from(self.attempts)),
         ] {
             check_positive(name, value)?;
+        }
+        if let Some(wheels) = self.detumble.wheels {
+            check_positive("wheel_torque", wheels.torque)?;
+            check_positive("wheel_momentum", wheels.momentum)?;
         }
         check_positive("approach_axis", self.approach_axis.norm())?;
         for time in &self.approach_times {

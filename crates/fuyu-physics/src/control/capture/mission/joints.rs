@@ -46,9 +46,10 @@ impl CaptureMission {
             return Stage::Stop(spline, then);
         }
         match then {
-            AfterStop::Plan => {
+            AfterStop::Plan(reason) => {
                 if self.phase() != Phase::Plan {
-                    self.enter(time, Phase::Plan, "interrupted; it plans again");
+                    let outcome = format!("interrupted, it plans again: {reason}");
+                    self.enter(time, Phase::Plan, &outcome);
                 }
                 Stage::Plan { next: time }
             }

@@ -31,6 +31,9 @@ use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};
 use crate::spatial::{InertiaError, Pose, RigidInertia};
 
+/// Longest time between two samples that counts as waiting \[s\].
+const LONGEST_PERIOD: f64 = 0.5;
+
 /// Robot and target after the grasp.
 #[derive(Debug, Clone)]
 pub(super) struct Held {
@@ -70,7 +73,8 @@ pub(super) enum Stage {
 /// What comes after joints have stopped.
 #[derive(Debug, Clone)]
 pub(super) enum AfterStop {
-    Plan,
+    /// It plans again, for a reason.
+    Plan(String),
     Abort(String),
 }
 
@@ -102,7 +106,14 @@ pub struct CaptureMission {
     /// What the gripper reports, if it does.
     grip: Option<bool>,
     attempt: u32,
-    begun: Option<f64>,
+    /// Time of the last sample \[s\].
+    last: Option<f64>,
+    /// How long it has waited for a prediction and a plan, pauses not counted \[s\].
+    waited: f64,
+    /// How often an approach was interrupted, pauses not counted.
+    interruptions: u32,
+    /// Momentum of the wheels, base axes \[N m s\].
+    wheels: Vector3<f64>,
     /// What it waits for.
     note: String,
     efforts: DVector<f64>,
@@ -145,7 +156,10 @@ impl CaptureMission {
             skips: false,
             grip: None,
             attempt: 0,
-            begun: None,
+            last: None,
+            waited: 0.0,
+            interruptions: 0,
+            wheels: Vector3::zeros(),
             note: String::new(),
             efforts: DVector::zeros(n),
             couple: (Vector3::zeros(), Vector3::zeros()),
@@ -326,13 +340,19 @@ impl CaptureMission {
             return Err(refuse("another number of joints"));
         }
         let values = sample.q.iter().chain(sample.qd).chain(sample.w_B.iter());
+        let values = values.chain(sample.wheels.iter());
         if !values.chain([&sample.time]).all(|x| x.is_finite()) {
             return Err(refuse("a value is not finite"));
         }
-        let Sample { time, q, qd, w_B } = *sample;
-        let restarted = self.own.add(time, q, qd, &w_B);
-        if self.begun.is_none() {
-            self.begun = Some(time);
+        let Sample { time, q, qd, .. } = *sample;
+        self.wheels = sample.wheels;
+        let restarted = self.own.add(time, q, qd, &sample.w_B);
+        let before = self.last.replace(time);
+        let waits = matches!(self.stage, Stage::Observe | Stage::Plan { .. }) && !self.is_paused;
+        if waits && let Some(before) = before {
+            self.waited += (time - before).clamp(0.0, LONGEST_PERIOD);
+        }
+        if before.is_none() {
             self.reports = vec![PhaseReport::begin(Phase::Observe, time)];
             self.hold_here();
         } else if restarted {

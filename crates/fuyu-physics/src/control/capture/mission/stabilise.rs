@@ -162,7 +162,7 @@ impl CaptureMission {
         let momentum = (whole.momentum_W).expressed_in(&whole.R_WB).angular;
         let stack = payload::stack(&held.workspace, &self.tip, &held.payload);
         let detumbler = Detumbler::new(self.config.detumble, TIME_CONSTANT);
-        let shared = detumbler.couple(&stack, w, &momentum, &Vector3::zeros());
+        let shared = detumbler.couple(&stack, w, &momentum, &self.wheels);
         self.couple = (shared.thrusters, shared.wheels);
         let report = self.report();
         report.raise("largest angular momentum", momentum.norm(), "N m s");
