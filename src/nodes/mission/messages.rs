@@ -83,11 +83,11 @@ pub fn outcome(mission: &CaptureMission) -> Outcome {
         Some((last, phases)) => (Some(last), phases),
         None => (None, reports),
     };
-    let identified = phases.iter().find(|r| r.phase == Phase::Identify);
+    let payload = mission.payload().filter(|_| mission.is_identified());
     Outcome {
         captured: mission.phase() == Phase::Done,
         reason: last.map_or_else(String::new, |last| last.outcome.clone()),
-        mass: identified.and_then(|r| r.figure("mass")).unwrap_or(0.0),
+        mass: payload.map_or(0.0, |payload| payload.mass),
         phases: phases.iter().map(|r| r.phase.name().to_owned()).collect(),
         durations: (phases.iter())
             .map(|r| r.end.unwrap_or(r.start) - r.start)
