@@ -15,7 +15,7 @@ const DESCENT: usize = 150;
 
 impl RendezvousPlanner {
     /// Postures of the arm at the arrival, with the base where it is at the start: the starts of the shooting.
-    fn postures(&mut self, task: &Rendezvous) -> Vec<End> {
+    pub(super) fn postures(&mut self, task: &Rendezvous) -> Vec<End> {
         let n = self.model.dof();
         let now = DVector::from_fn(n, |j, _| task.start.joints[j].position);
         let mut random = StdRng::seed_from_u64(1);
