@@ -1,7 +1,7 @@
 //! The handle that a node's program uses.
 
 use std::{
-    sync::{Arc, PoisonError, atomic::Ordering},
+    sync::{Arc, atomic::Ordering},
     time::{Duration, Instant},
 };
 
@@ -9,7 +9,7 @@ use super::{
     Clock, Declare, Diagnostics, Domain, Gid, NodeError, NodeName, Publisher, Qos, RawPublisher,
     RawSample, RawSubscription, RosArgs, ServiceClient, Subscription, Time, Timer,
     discovery::{self, DiscoveredPublisher, LocalTopicUse},
-    endpoint::{Counters, EndpointSpec},
+    endpoint::{Counters, EndpointSpec, Role},
     node_core::NodeCore,
     params::ParameterStore,
     receive_queue::ReceiveQueue,
@@ -260,8 +260,7 @@ impl Node {
     /// Messages that the node's endpoints have lost because they were too slow: topic and number, without those that have
     /// lost none.
     pub fn lost_messages(&self) -> Vec<(String, u64)> {
-        let endpoints = self.core.participant.endpoints.lock();
-        let endpoints = endpoints.unwrap_or_else(PoisonError::into_inner);
+        let endpoints = self.core.participant.endpoints();
         let own = |node: &Arc<NodeName>| Arc::ptr_eq(node, &self.core.name);
         let writers = endpoints.writers.iter().filter(|w| own(&w.node));
         let writers = writers.map(|w| (&w.spec, &w.counters));
@@ -374,5 +373,6 @@ fn raw_spec(name: String, type_name: &str, qos: Qos) -> Result<EndpointSpec, Nod
         definition: msg::find(type_name),
         internal: false,
         shared: false,
+        role: Role::Topic,
     })
 }
