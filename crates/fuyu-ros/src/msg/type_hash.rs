@@ -53,7 +53,8 @@ pub(super) fn rihs01_of_service(service: &ServiceDefinition) -> String {
     let contained = parts.iter().flat_map(|part| part.dependencies());
     let messages = contained.chain(parts.iter().copied());
     // Sorted by name, each once.
-    let mut referenced: BTreeMap<_, _> = messages.map(|d| (d.type_name(), description(d))).collect();
+    let mut referenced: BTreeMap<_, _> =
+        messages.map(|d| (d.type_name(), description(d))).collect();
     referenced.insert(event.clone(), described(&event, &event_fields));
     referenced.insert(EVENT_INFO.to_owned(), described(EVENT_INFO, &info_fields));
     let referenced: Vec<_> = referenced.into_values().collect();

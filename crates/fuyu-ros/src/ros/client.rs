@@ -85,8 +85,7 @@ impl<S: Service> ServiceClient<S> {
             let mut replies = lock::<S>(&received);
             let call = replies.iter_mut().find(|(sent, call)| {
                 sent.sequence_number == request.sequence_number
-                    && [Some(sent.writer), call.reply_reader]
-                        .contains(&Some(request.writer))
+                    && [Some(sent.writer), call.reply_reader].contains(&Some(request.writer))
             });
             let Some((_, call)) = call else {
                 return true;

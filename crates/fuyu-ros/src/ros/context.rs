@@ -26,15 +26,15 @@ pub struct Domain {
 pub struct DomainError {
     variable: &'static str,
     value: String,
-    expected: &'static str,
+    expected: String,
 }
 
 impl DomainError {
-    pub(super) fn new(variable: &'static str, value: &str, expected: &'static str) -> Self {
+    pub(super) fn new(variable: &'static str, value: &str, expected: impl Into<String>) -> Self {
         Self {
             variable,
             value: value.to_owned(),
-            expected,
+            expected: expected.into(),
         }
     }
 }

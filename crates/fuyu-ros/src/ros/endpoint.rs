@@ -50,10 +50,16 @@ pub(super) struct EndpointSpec {
     pub(super) shared: bool,
     /// What its samples are.
     pub(super) role: Role,
+    /// Hash of the type as a peer or a bag states it, in place of that of `definition`.
+    pub(super) stated_hash: Option<String>,
 }
 
 /// What the samples of an endpoint are.
 #[derive(Debug, Clone, Copy)]
+#[cfg_attr(
+    not(feature = "zenoh"),
+    expect(dead_code, reason = "DDS does not tell the definition of a service")
+)]
 pub(super) enum Role {
     /// Messages of a topic.
     Topic,
@@ -80,6 +86,7 @@ impl EndpointSpec {
             internal: true,
             shared: false,
             role: Role::Topic,
+            stated_hash: None,
         }
     }
 

@@ -132,3 +132,5 @@ pub use service::{Call, Calls, Reply, ServiceServer};
 pub use subscription::{RawSubscription, Subscription};
 pub use time::Time;
 pub use transport::Middleware;
+#[cfg(feature = "zenoh")]
+pub use transport::ZenohConfig;

@@ -128,7 +128,9 @@ impl Node {
         handler: impl Fn(RawSample) + Send + Sync + 'static,
     ) -> Result<RawSubscription, NodeError> {
         let topic = publisher.topic.clone();
-        self.subscribe_resolved(topic, &publisher.type_name, qos, handler)
+        let mut spec = raw_spec(topic, &publisher.type_name, qos)?;
+        spec.stated_hash.clone_from(&publisher.type_hash);
+        self.subscribe_spec(spec, Duration::ZERO, handler)
     }
 
     /// As [`Self::subscribe_raw`], to a topic by its full name, which is not remapped.
@@ -159,7 +161,15 @@ impl Node {
         patience: Duration,
         handler: impl Fn(RawSample) + Send + Sync + 'static,
     ) -> Result<RawSubscription, NodeError> {
-        let spec = raw_spec(name, type_name, qos)?;
+        self.subscribe_spec(raw_spec(name, type_name, qos)?, patience, handler)
+    }
+
+    fn subscribe_spec(
+        &self,
+        spec: EndpointSpec,
+        patience: Duration,
+        handler: impl Fn(RawSample) + Send + Sync + 'static,
+    ) -> Result<RawSubscription, NodeError> {
         let sink = move |sample: RawSample, _: &Counters| {
             handler(sample);
             true
@@ -374,5 +384,6 @@ fn raw_spec(name: String, type_name: &str, qos: Qos) -> Result<EndpointSpec, Nod
         internal: false,
         shared: false,
         role: Role::Topic,
+        stated_hash: None,
     })
 }

@@ -47,6 +47,10 @@ pub(super) enum ReplyPath {
     /// In memory: the client belongs to the same participant.
     Local,
     /// Through the transport, at any time.
+    #[cfg_attr(
+        not(any(feature = "zenoh", test)),
+        expect(dead_code, reason = "DDS has to match the client first")
+    )]
     Wire,
     /// Through the transport, once this reader has been matched.
     Matched(ReplyReader),

@@ -59,6 +59,7 @@ pub(super) fn service_spec<S: Service>(full_name: &str, direction: Direction) ->
         internal: true,
         shared: false,
         role: role(ServiceDefinition::of::<S>()),
+        stated_hash: None,
     }
 }
 

@@ -9,6 +9,8 @@ mod dds;
 mod error;
 mod middleware;
 mod sequence_numbers;
+#[cfg(feature = "zenoh")]
+mod zenoh;
 
 use bytes::Bytes;
 use std::{
@@ -27,6 +29,8 @@ pub(super) use error::{AbandonedSession, TransportError};
 use sequence_numbers::SequenceNumbers;
 
 pub use middleware::Middleware;
+#[cfg(feature = "zenoh")]
+pub use zenoh::ZenohConfig;
 
 /// What a participant shares with its transport.
 #[derive(Clone, Default)]

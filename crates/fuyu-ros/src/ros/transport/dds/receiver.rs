@@ -302,7 +302,9 @@ impl ReaderState {
         if GUID::from(sample.publisher).prefix == own.prefix {
             return;
         }
-        let missing = self.last.missing_before(sample.publisher, sample.sequence_number);
+        let missing = self
+            .last
+            .missing_before(sample.publisher, sample.sequence_number);
         for reader in &self.readers {
             reader.counters.missing.fetch_add(missing, Relaxed);
             reader.receive_remote(sample.clone(), graph);

@@ -69,7 +69,10 @@ fn update(graph: &GraphCache, publisher: Gid, cdr: &[u8]) -> Result<Vec<String>,
         let name = node.full_name();
         let writers = node.writers.into_iter();
         // A participant reports its own endpoints only.
-        (name, writers.filter(|gid| prefix(*gid) == participant).collect())
+        (
+            name,
+            writers.filter(|gid| prefix(*gid) == participant).collect(),
+        )
     });
     Ok(graph.replace(&participant, nodes.collect()))
 }
@@ -152,7 +155,8 @@ mod tests {
     fn a_namesake_is_new_once() {
         let all = graph();
         let own = announced(&[("/chaser", "arm", &[])]);
-        let found = |participant, message: &[u8]| update(&all, gid(participant, 7), message).unwrap();
+        let found =
+            |participant, message: &[u8]| update(&all, gid(participant, 7), message).unwrap();
         assert!(found(1, &own).is_empty());
         assert!(found(4, &announced(&[("/", "arm", &[gid(4, 1)])])).is_empty());
         for participant in [2, 3] {

@@ -75,7 +75,8 @@ impl DdsSession {
         settling: &Arc<DiscoverySettling>,
     ) -> Result<Self, TransportError> {
         let peers = static_peers.addresses();
-        let participant = domain_participant::create(domain, &peers).map_err(TransportError::Other)?;
+        let participant =
+            domain_participant::create(domain, &peers).map_err(TransportError::Other)?;
         ros_discovery_info::reset(graph, participant.guid());
         let qos = QosPolicies::from(&Qos::RELIABLE);
         let publisher = participant

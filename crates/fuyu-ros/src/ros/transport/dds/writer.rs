@@ -67,8 +67,7 @@ impl WireWriter for DdsWriter {
         published: Time,
         related: Option<SampleIdentity>,
     ) -> Option<SampleIdentity> {
-        let is_statement =
-            |r: &SampleIdentity| r.sequence_number == SampleIdentity::UNKNOWN_NUMBER;
+        let is_statement = |r: &SampleIdentity| r.sequence_number == SampleIdentity::UNKNOWN_NUMBER;
         let related = related.filter(|r| !is_statement(r) || cdr.len() <= STATES_READER);
         let mut options = WriteOptionsBuilder::new()
             .source_timestamp(to_timestamp(published))
