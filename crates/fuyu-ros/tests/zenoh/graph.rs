@@ -1,0 +1,55 @@
+//! What nodes know of the graph.
+
+use fuyu_ros::{msg::std_msgs, ros::Qos};
+
+use crate::router::{Router, eventually, idle};
+
+// Fails if a node that has left stays in the graph, or if one that is there is not found by a late one.
+#[test]
+fn publishers_come_and_go_with_their_nodes() {
+    let router = Router::start();
+    let (mut one, mut two) = (router.process(7), router.process(7));
+    let talker = one.start("talker", idle).expect("it starts");
+    let _said = talker.advertise::<std_msgs::String>("chatter", Qos::SENSOR_DATA);
+    let watcher = two.start("watcher", idle).expect("it starts");
+    let found = || {
+        let all = watcher.discovered_publishers().into_iter();
+        all.filter(|p| p.topic == "/chatter").collect::<Vec<_>>()
+    };
+    eventually("the publisher is found", || found().len() == 1);
+    let publisher = found().remove(0);
+    assert_eq!(publisher.type_name, "std_msgs/msg/String");
+    assert_eq!(publisher.qos, Qos::SENSOR_DATA);
+    assert_eq!(
+        publisher.type_hash.as_deref(),
+        Some("RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18")
+    );
+    assert_eq!(watcher.node_of(publisher.gid).as_deref(), Some("/talker"));
+    let heard = watcher.subscribe::<std_msgs::String>("chatter", Qos::SENSOR_DATA);
+    let heard = heard.expect("it subscribes");
+    assert!(heard.is_matched(publisher.gid));
+    one.finish().expect("no failure");
+    eventually("the publisher is gone", || found().is_empty());
+    eventually("it is not matched", || !heard.is_matched(publisher.gid));
+    assert_eq!(watcher.node_of(publisher.gid), None);
+}
+
+// Fails if a subscription of another type were counted, or heard, as one of the topic.
+#[test]
+fn types_must_agree() {
+    let router = Router::start();
+    let (mut one, mut two) = (router.process(7), router.process(7));
+    let talker = one.start("talker", idle).expect("it starts");
+    let said = talker.advertise::<std_msgs::String>("chatter", Qos::RELIABLE);
+    let said = said.expect("it publishes");
+    let listener = two.start("listener", idle).expect("it starts");
+    let right = listener.subscribe::<std_msgs::String>("chatter", Qos::RELIABLE);
+    let right = right.expect("it subscribes");
+    let wrong = listener.subscribe::<std_msgs::Header>("chatter", Qos::RELIABLE);
+    let wrong = wrong.expect("it subscribes");
+    eventually("the right one hears", || {
+        said.publish(&std_msgs::String::default());
+        right.take().is_some()
+    });
+    assert_eq!(wrong.counts(), (0, 0, 0));
+}

@@ -1,0 +1,10 @@
+//! Nodes over Zenoh: with each other, and with a program that is written from the design document of rmw_zenoh.
+
+mod actions;
+mod graph;
+mod messages;
+mod python_peer;
+mod recovery;
+mod router;
+mod services;
+mod topics;
