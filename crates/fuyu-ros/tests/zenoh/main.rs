@@ -6,5 +6,6 @@ mod messages;
 mod python_peer;
 mod recovery;
 mod router;
+mod security;
 mod services;
 mod topics;

@@ -77,18 +77,27 @@ impl ZenohConfig {
         Self::from_variables(|name| std::env::var(name).ok())
     }
 
+    /// From a configuration file of Zenoh.
+    ///
+    /// # Errors
+    /// Why it cannot be read, or what is wrong in it.
+    pub fn from_file(path: &Path) -> Result<Self, String> {
+        let config = zenoh::Config::from_file(path).map_err(|e| e.to_string())?;
+        Ok(Self {
+            config,
+            ..Self::default()
+        })
+    }
+
     fn from_variables(get: impl Fn(&str) -> Option<String>) -> Result<Self, DomainError> {
         let get = |name| get(name).filter(|value| !value.is_empty());
         const FILE: &str = "ZENOH_SESSION_CONFIG_URI";
         let mut config = match get(FILE) {
             None => Self::default(),
-            Some(path) => Self {
-                config: zenoh::Config::from_file(Path::new(&path)).map_err(|e| {
-                    let expected = format!("expected a configuration file of Zenoh: {e}");
-                    DomainError::new(FILE, &path, expected)
-                })?,
-                ..Self::default()
-            },
+            Some(path) => Self::from_file(Path::new(&path)).map_err(|e| {
+                let expected = format!("expected a configuration file of Zenoh: {e}");
+                DomainError::new(FILE, &path, expected)
+            })?,
         };
         const OVERRIDE: &str = "ZENOH_CONFIG_OVERRIDE";
         if let Some(text) = get(OVERRIDE) {

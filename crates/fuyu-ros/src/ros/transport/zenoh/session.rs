@@ -170,7 +170,7 @@ impl Session for ZenohSession {
             Role::Topic => {
                 let token = self.declare(&writer.node, EntityKind::Publisher, spec)?;
                 let data = key.data(self.domain);
-                let wire = TopicWriter::new(&self.session, data, &spec.qos, token)?;
+                let wire = TopicWriter::new(&self.session, data, writer, token)?;
                 writer.attach(Some(Arc::new(wire)));
             }
             Role::Request(_) => {

@@ -2,7 +2,7 @@
 
 use bytes::Bytes;
 use std::{
-    sync::{Mutex, PoisonError},
+    sync::{Arc, Mutex, PoisonError, atomic::Ordering::Relaxed},
     time::Duration,
 };
 use zenoh::{
@@ -17,7 +17,8 @@ use zenoh_ext::{
 
 use super::attachment::Attachment;
 use crate::ros::{
-    Gid, Qos, Time,
+    Gid, Time,
+    endpoint::Writer,
     qos::{Durability, History},
     sample::SampleIdentity,
     transport::{TransportError, WireWriter},
@@ -40,9 +41,10 @@ impl TopicWriter {
     pub(super) fn new(
         session: &Session,
         key: String,
-        qos: &Qos,
+        writer: &Arc<Writer>,
         (gid, token): (Gid, LivelinessToken),
     ) -> Result<Self, TransportError> {
+        let qos = &writer.spec.qos;
         let congestion_control = match (qos.is_reliable(), qos.history) {
             (true, History::KeepAll) => CongestionControl::Block,
             _ => CongestionControl::Drop,
@@ -66,8 +68,21 @@ impl TopicWriter {
                 builder = builder.sample_miss_detection(detection);
             }
         }
+        let publisher = builder.wait().map_err(TransportError::other)?;
+        // Some subscribers are not of ROS, and have no token.
+        let weak = Arc::downgrade(writer);
+        publisher
+            .matching_listener()
+            .callback(move |status| {
+                if let Some(writer) = weak.upgrade() {
+                    (writer.count_is_unsure).store(status.matching(), Relaxed);
+                }
+            })
+            .background()
+            .wait()
+            .map_err(TransportError::other)?;
         Ok(Self {
-            publisher: builder.wait().map_err(TransportError::other)?,
+            publisher,
             gid,
             number: Mutex::new(0),
             _token: token,
