@@ -74,20 +74,19 @@ fn parameters(name: &str, validity: Duration) -> Result<CertificateParams, KeyEr
     let mut params = CertificateParams::new(Vec::new())?;
     params.distinguished_name.remove(DnType::CommonName);
     params.distinguished_name.push(DnType::CommonName, name);
-    let now = SystemTime::now();
-    let end = now.checked_add(validity).filter(|end| *end < far_future());
+    // Seconds of 1970 to 2100.
+    const LATEST: Duration = Duration::from_secs(4_102_444_800);
+    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+    let now = now.unwrap_or_default();
+    let end = now.checked_add(validity).filter(|end| *end < LATEST);
     let Some(end) = end else {
         let days = validity.as_secs() / 86_400;
         return Err(KeyError::Option(format!(
             "{days} days: certificates end before the year 2100"
         )));
     };
-    params.not_before = (now - CLOCK_DIFFERENCE).into();
-    params.not_after = end.into();
+    let epoch = rcgen::date_time_ymd(1970, 1, 1);
+    params.not_before = epoch + now.saturating_sub(CLOCK_DIFFERENCE);
+    params.not_after = epoch + end;
     Ok(params)
-}
-
-/// 2100-01-01.
-fn far_future() -> SystemTime {
-    SystemTime::UNIX_EPOCH + Duration::from_secs(4_102_444_800)
 }

@@ -36,7 +36,7 @@ pub struct KeyOptions {
 #[non_exhaustive]
 pub enum KeyError {
     /// A file or folder cannot be written; existing ones are not overwritten.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}", .path.display())]
     File {
         /// Which.
         path: PathBuf,
@@ -94,7 +94,11 @@ pub fn create(folder: &Path, options: &KeyOptions) -> Result<Vec<PathBuf>, KeyEr
 
 fn write_secret(path: &Path, text: &str) -> io::Result<()> {
     let mut options = OpenOptions::new();
-    let mut file = options.write(true).create_new(true).mode(0o600).open(path)?;
+    let mut file = options
+        .write(true)
+        .create_new(true)
+        .mode(0o600)
+        .open(path)?;
     file.write_all(text.as_bytes())
 }
 

@@ -92,15 +92,30 @@ fn writing(role: Role) -> Vec<Rule> {
             [format!("{key}/@adv/**"), key]
         });
         let keys = format!("{:?}", keys.collect::<Vec<_>>());
-        let publish = &["put", "delete", "declare_queryable", "reply", "liveliness_token"];
-        let listeners = &["declare_subscriber", "query", "declare_liveliness_subscriber"];
+        let publish = &[
+            "put",
+            "delete",
+            "declare_queryable",
+            "reply",
+            "liveliness_token",
+        ];
+        let listeners = &[
+            "declare_subscriber",
+            "query",
+            "declare_liveliness_subscriber",
+        ];
         rules.push(Rule::new(id("publishes"), "ingress", publish, keys.clone()));
         rules.push(Rule::new(id("is-heard"), "egress", listeners, keys));
     }
     const SERVICES: &str = r#"["**"]"#;
     if role.may_call() {
         rules.push(Rule::new(id("calls"), "ingress", &["query"], SERVICES));
-        rules.push(Rule::new(id("finds"), "egress", &["declare_queryable"], SERVICES));
+        rules.push(Rule::new(
+            id("finds"),
+            "egress",
+            &["declare_queryable"],
+            SERVICES,
+        ));
     }
     if role.may_serve() {
         let serve = &["declare_queryable", "reply"];
@@ -123,7 +138,9 @@ pub(super) fn configuration(port: u16, identity: &Identity, authority: &Authorit
         subjects.push(format!(
             r#"      {{ id: "{name}", cert_common_names: ["{name}"], link_protocols: ["tls"] }},"#
         ));
-        policies.push(format!(r#"      {{ rules: {ids:?}, subjects: ["{name}"] }},"#));
+        policies.push(format!(
+            r#"      {{ rules: {ids:?}, subjects: ["{name}"] }},"#
+        ));
     }
     format!(
         r#"// Start the router with this file: zenohd -c router.json5. It contains a secret key.

@@ -48,7 +48,9 @@ impl Peer {
     /// The next line.
     fn says(&mut self) -> String {
         let mut line = String::new();
-        self.output.read_line(&mut line).expect("its output is read");
+        self.output
+            .read_line(&mut line)
+            .expect("its output is read");
         assert!(!line.is_empty(), "the peer has ended, see above");
         line.trim().to_owned()
     }

@@ -103,8 +103,6 @@ fn roles_do_what_they_may() {
     let _sum = robot
         .serve::<AddTwoInts>("sum", |r| AddTwoIntsResponse { sum: r.a + r.b })
         .expect("it serves");
-    let description = robot.advertise::<std_msgs::String>("robot_description", Qos::LATCHED);
-    description.expect("it publishes").publish(&from("robot"));
 
     // Everybody sees the robot.
     for node in [&controller, &operator, &viewer] {

@@ -44,7 +44,10 @@ fn messages_arrive_in_order_with_their_time_and_publisher() {
         assert_eq!(message.message.data, i.to_string());
         let source = message.source_time.expect("its time is stated");
         assert!(before <= source && source <= message.received_time);
-        assert_eq!(listener.node_of(message.publisher).as_deref(), Some("/talker"));
+        assert_eq!(
+            listener.node_of(message.publisher).as_deref(),
+            Some("/talker")
+        );
         assert!(heard.is_matched(message.publisher));
     }
     assert_eq!(heard.counts(), (100, 0, 0));

@@ -86,11 +86,8 @@ impl Entity {
             kind.name()
         );
         if let Some((key, qos)) = topic {
-            for part in [
-                &mangle(&key.name),
-                &mangle(&key.type_name),
-                key.token_hash(),
-            ] {
+            let (name, type_name) = (mangle(&key.name), mangle(&key.type_name));
+            for part in [name.as_str(), type_name.as_str(), key.token_hash()] {
                 token.push('/');
                 token.push_str(part);
             }

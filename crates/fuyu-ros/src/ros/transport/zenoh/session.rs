@@ -242,7 +242,7 @@ impl Session for ZenohSession {
             let all = all.unwrap_or_else(PoisonError::into_inner);
             all.nodes.clone()
         };
-        let is_there = |name| members.iter().any(|m| Arc::ptr_eq(&m.name, name));
+        let is_there = |name: &Arc<NodeName>| members.iter().any(|m| Arc::ptr_eq(&m.name, name));
         self.nodes.retain(|node| is_there(&node.name));
         for member in &members {
             if let Err(e) = self.node_id(&member.name) {
