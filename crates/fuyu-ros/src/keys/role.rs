@@ -15,14 +15,14 @@ pub enum Role {
 
 /// What every node publishes about itself.
 const REPORTS: [&str; 3] = ["diagnostics", "rosout", "parameter_events"];
-/// What controllers publish. A `*` is one part of a name, `**` are any number of them.
+/// What controllers publish. A `*` is one part of a name.
 const CONTROL: [&str; 6] = [
     "joint_commands",
     "wheel_commands",
     "thruster_commands",
     "controller_state",
     "attitude_state",
-    "estimator/**",
+    "estimator/*",
 ];
 /// What operators publish.
 const INPUTS: [&str; 8] = [
