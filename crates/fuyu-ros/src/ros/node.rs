@@ -79,7 +79,23 @@ impl Node {
         type_name: &str,
         qos: Qos,
     ) -> Result<RawPublisher, NodeError> {
-        let spec = raw_spec(self.core.names.topic(topic)?, type_name, qos)?;
+        self.advertise_recorded(topic, type_name, None, qos)
+    }
+
+    /// As [`Self::advertise_raw`], with the type hash that a bag or a peer states (`RIHS01_...`). Zenoh needs it where the
+    /// type is not known here: it is part of the name of the topic.
+    ///
+    /// # Errors
+    /// As [`Self::subscribe_raw`].
+    pub fn advertise_recorded(
+        &self,
+        topic: &str,
+        type_name: &str,
+        type_hash: Option<&str>,
+        qos: Qos,
+    ) -> Result<RawPublisher, NodeError> {
+        let mut spec = raw_spec(self.core.names.topic(topic)?, type_name, qos)?;
+        spec.stated_hash = type_hash.map(str::to_owned);
         let writer = self.core.add_writer(spec)?;
         Ok(RawPublisher::new(Arc::clone(&self.core), writer))
     }

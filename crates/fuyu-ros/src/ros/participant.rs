@@ -126,7 +126,7 @@ impl Participant {
                 if let Err(e) = connected {
                     let nodes = &mut self.endpoints().nodes;
                     nodes.retain(|n| !Arc::ptr_eq(&n.name, &node.name));
-                    return Err(NodeError::dds(&node.name, "join the DDS domain", e));
+                    return Err(NodeError::dds(&node.name, "join the graph", e));
                 }
             }
         }
@@ -192,7 +192,7 @@ impl Participant {
         }
         let connected = self.connect(&mut connection, AbandonedSession::default());
         let nodes = self.node_names().join(", ");
-        connected.map_err(|e| NodeError::dds(nodes, "join the DDS domain again", e))?;
+        connected.map_err(|e| NodeError::dds(nodes, "join the graph again", e))?;
         Ok(true)
     }
 

@@ -20,7 +20,7 @@ impl TopicKey {
     pub(super) fn of(spec: &EndpointSpec) -> Self {
         let (type_name, hash) = match &spec.role {
             Role::Topic => {
-                let hash = spec.stated_hash.clone();
+                let hash = (spec.stated_hash.clone()).filter(|hash| is_hash(hash));
                 let computed = spec.definition.map(|known| known.type_hash());
                 (spec.dds_type.clone(), hash.or(computed))
             }
@@ -70,9 +70,14 @@ impl TopicKey {
         Self {
             name,
             type_name,
-            hash: hash.starts_with("RIHS01_").then(|| hash.to_owned()),
+            hash: is_hash(hash).then(|| hash.to_owned()),
         }
     }
+}
+
+fn is_hash(text: &str) -> bool {
+    let digits = text.strip_prefix("RIHS01_");
+    digits.is_some_and(|d| d.len() == 64 && d.bytes().all(|b| b.is_ascii_hexdigit()))
 }
 
 #[cfg(test)]
