@@ -5,7 +5,7 @@ use fuyu_ros::{
     ros::{ActionClient, ActionServer, Node, NodeError},
 };
 
-use crate::router::{PATIENCE, Router, idle};
+use crate::router::{PATIENCE, Network, idle};
 
 mod count {
     fuyu_ros::action! {
@@ -44,8 +44,11 @@ fn server(node: &Node) -> Result<(), NodeError> {
 // Fails if one of the three services and two topics of an action does not work over Zenoh.
 #[test]
 fn goals_are_reached_with_feedback() {
-    let router = Router::start();
-    let (mut one, mut two) = (router.process(0), router.process(0));
+    Network::each(216, goals_are_reached_with_feedback_over);
+}
+
+fn goals_are_reached_with_feedback_over(network: &Network) {
+    let (mut one, mut two) = (network.process(0), network.process(0));
     one.start("server", server).expect("it starts");
     let client = two.start("client", idle).expect("it starts");
     let counting = ActionClient::<count::Count>::new(&client, "count").expect("a client");

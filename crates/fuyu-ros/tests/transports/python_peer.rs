@@ -30,7 +30,7 @@ impl Peer {
     fn start(endpoint: &str) -> Self {
         let packages = ["zenoh", "eclipse-zenoh==1.10.2", "xxhash==4.1.0"];
         let python = python::environment("test-venv.sh", &packages);
-        let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/zenoh/peer.py");
+        let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/transports/peer.py");
         let mut child = Command::new(python)
             .arg(program)
             .arg(endpoint)

@@ -1,4 +1,4 @@
-//! A Zenoh router, and processes that are connected to it.
+//! A Zenoh router, processes that are connected to it, and the same over DDS.
 
 use fuyu_ros::ros::{
     DiscoveryRange, Domain, Middleware, Node, NodeError, Process, RosArgs, ZenohConfig,
@@ -55,6 +55,46 @@ impl Router {
 impl Drop for Router {
     fn drop(&mut self) {
         self.session.close().wait().expect("the router stops");
+    }
+}
+
+/// What connects the processes of a test.
+pub enum Network {
+    /// DDS on loopback, from this domain on.
+    Dds(u16),
+    Zenoh(Router),
+}
+
+impl Network {
+    /// Runs a test over both transports. `domain` and the next one are used by no other test.
+    pub fn each(domain: u16, test: impl Fn(&Self)) {
+        for network in [Self::Zenoh(Router::start()), Self::Dds(domain)] {
+            println!("over {}", network.name());
+            test(&network);
+        }
+    }
+
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Dds(_) => "DDS",
+            Self::Zenoh(_) => "Zenoh",
+        }
+    }
+
+    pub fn is_zenoh(&self) -> bool {
+        matches!(self, Self::Zenoh(_))
+    }
+
+    /// A process with a participant, in the first domain or in another one.
+    pub fn process(&self, domain: u16) -> Process {
+        match self {
+            Self::Zenoh(router) => router.process(domain),
+            Self::Dds(first) => {
+                let id = first + domain;
+                let range = DiscoveryRange::Localhost;
+                Process::new(RosArgs::default(), Domain { id, range })
+            }
+        }
     }
 }
 
