@@ -5,7 +5,7 @@ use fuyu_ros::{
     ros::{ActionClient, ActionServer, Node, NodeError},
 };
 
-use crate::router::{PATIENCE, Network, idle};
+use crate::router::{Network, PATIENCE, idle};
 
 mod count {
     fuyu_ros::action! {

@@ -2,7 +2,7 @@
 
 use fuyu_ros::{msg::std_msgs, ros::Qos};
 
-use crate::router::{Network, eventually, idle};
+use crate::router::{Network, Router, eventually, idle};
 
 // Fails if a node that has left stays in the graph, or if one that is there is not found by a late one.
 #[test]
@@ -38,17 +38,17 @@ fn publishers_come_and_go_with_their_nodes_over(network: &Network) {
     one.finish().expect("no failure");
     eventually("the publisher is gone", || found().is_empty());
     eventually("it is not matched", || !heard.is_matched(publisher.gid));
-    eventually("its node is gone", || watcher.node_of(publisher.gid).is_none());
+    eventually("its node is gone", || {
+        watcher.node_of(publisher.gid).is_none()
+    });
 }
 
-// Fails if a subscription of another type were counted, or heard, as one of the topic.
+// Fails if a subscription of another type were counted, or heard, as one of the topic. With rustdds one gets the samples of another
+// subscription of its participant (docs/upstream.md), and discards them.
 #[test]
-fn types_must_agree() {
-    Network::each(220, types_must_agree_over);
-}
-
-fn types_must_agree_over(network: &Network) {
-    let (mut one, mut two) = (network.process(0), network.process(0));
+fn types_must_agree_over_zenoh() {
+    let router = Router::start();
+    let (mut one, mut two) = (router.process(0), router.process(0));
     let talker = one.start("talker", idle).expect("it starts");
     let said = talker.advertise::<std_msgs::String>("chatter", Qos::RELIABLE);
     let said = said.expect("it publishes");

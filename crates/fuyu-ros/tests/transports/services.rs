@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use crate::{
     messages::{AddTwoInts, AddTwoIntsRequest, AddTwoIntsResponse},
-    router::{PATIENCE, Network, eventually, idle},
+    router::{Network, PATIENCE, eventually, idle},
 };
 
 // Fails if replies were lost, given to the wrong call, or limited in length.
@@ -31,7 +31,11 @@ fn calls_get_their_replies_over(network: &Network) {
         .serve::<AddTwoInts>("sum", |r| AddTwoIntsResponse { sum: r.a + r.b })
         .expect("it serves");
     // Over DDS a lost fragment of a long reply is not repeated.
-    let length = if network.is_zenoh() { 3_000_000 } else { 30_000 };
+    let length = if network.is_zenoh() {
+        3_000_000
+    } else {
+        30_000
+    };
     let _long = server
         .serve::<Trigger>("long", move |_| TriggerResponse {
             success: true,
@@ -61,7 +65,10 @@ fn calls_get_their_replies_over(network: &Network) {
 // Fails if a client of a server in the same session and one elsewhere got each other's replies.
 #[test]
 fn a_service_is_called_from_its_own_and_from_another_session() {
-    Network::each(212, a_service_is_called_from_its_own_and_from_another_session_over);
+    Network::each(
+        212,
+        a_service_is_called_from_its_own_and_from_another_session_over,
+    );
 }
 
 fn a_service_is_called_from_its_own_and_from_another_session_over(network: &Network) {

@@ -9,7 +9,7 @@ use std::{
     time::Duration,
 };
 
-use crate::router::{PATIENCE, Network, eventually, idle};
+use crate::router::{Network, PATIENCE, eventually, idle};
 
 fn text(data: impl ToString) -> std_msgs::String {
     std_msgs::String {
@@ -20,7 +20,10 @@ fn text(data: impl ToString) -> std_msgs::String {
 // Fails if messages were lost, repeated or reordered, or if a subscription did not learn from whom they are.
 #[test]
 fn messages_arrive_in_order_with_their_time_and_publisher() {
-    Network::each(202, messages_arrive_in_order_with_their_time_and_publisher_over);
+    Network::each(
+        202,
+        messages_arrive_in_order_with_their_time_and_publisher_over,
+    );
 }
 
 fn messages_arrive_in_order_with_their_time_and_publisher_over(network: &Network) {
