@@ -9,8 +9,8 @@ use super::{Failure, print};
 
 /// Create a certificate authority and Zenoh configurations for router, robot, controller, operator and viewer.
 ///
-/// The router lets each role do only what it may. Every file contains a secret key, and only its owner may read it: copy
-/// each to the computer that needs it, by a secure way. See docs/security.md.
+/// The router lets each role do only what it may. Every file contains a secret key, and only its owner may read it:
+/// copy each to the computer that needs it, by a secure way. See docs/security.md.
 #[derive(clap::Args)]
 pub struct Args {
     /// Folder for the files; nothing that exists is overwritten

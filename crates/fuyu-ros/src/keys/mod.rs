@@ -1,8 +1,9 @@
-//! Keys and configurations for authenticated Zenoh: a certificate authority, a router that accepts only its certificates,
-//! and one configuration for each [`Role`], which says what its holder may do.
+//! Keys and configurations for authenticated Zenoh: a certificate authority, a router that accepts only its
+//! certificates, and one configuration for each [`Role`], which says what its holder may do.
 //!
-//! Every configuration is one file that contains what it needs, so that it can be copied to another computer. The router
-//! enforces what roles may do ([`router`]); roles connect to it and to nobody else, so that nothing goes past it.
+//! Every configuration is one file that contains what it needs, so that it can be copied to another computer. The
+//! router enforces what roles may do ([`router`]); roles connect to it and to nobody else, so that nothing goes past
+//! it.
 
 mod authority;
 mod role;
@@ -51,8 +52,8 @@ pub enum KeyError {
     Certificate(#[from] rcgen::Error),
 }
 
-/// Creates `folder` with `authority.pem`, `authority.key`, `router.json5` and `ROLE.json5` for each role, which only the
-/// owner may read. Returns the paths.
+/// Creates `folder` with `authority.pem`, `authority.key`, `router.json5` and `ROLE.json5` for each role, which only
+/// the owner may read. Returns the paths.
 ///
 /// # Errors
 /// [`KeyError`]; nothing that exists is overwritten.

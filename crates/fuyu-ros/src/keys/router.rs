@@ -1,8 +1,8 @@
 //! Configuration of the router, which enforces what roles may do.
 //!
-//! The flow `ingress` is what the holder of a certificate sends to the router, `egress` what the router sends to it. What no
-//! rule allows is denied. Keys of data are `domain/name/type/hash`, tokens of the graph begin with `@ros2_lv`, and caches
-//! of latched topics have keys with `@adv`, which `**` does not match.
+//! The flow `ingress` is what the holder of a certificate sends to the router, `egress` what the router sends to it.
+//! What no rule allows is denied. Keys of data are `domain/name/type/hash`, tokens of the graph begin with
+//! `@ros2_lv`, and caches of latched topics have keys with `@adv`, which `**` does not match.
 
 use super::{Role, authority::Authority, authority::Identity, tls};
 

@@ -1,7 +1,7 @@
 //! Cache of the graph: names and publishers of the nodes of other participants, as the transport discovers them.
 //!
-//! ROS allows two nodes with the same name; a service call or parameter change then reaches either of them. So a warning is
-//! logged when a node is discovered that has the name of one of this participant.
+//! ROS allows two nodes with the same name; a service call or parameter change then reaches either of them. So a
+//! warning is logged when a node is discovered that has the name of one of this participant.
 
 use std::{
     collections::HashMap,
@@ -58,8 +58,8 @@ impl GraphCache {
         known.others.clear();
     }
 
-    /// Stores the present nodes of a participant. Returns the names of those that have newly been found to be names of this
-    /// participant's nodes too.
+    /// Stores the present nodes of a participant. Returns the names of those that have newly been found to be names
+    /// of this participant's nodes too.
     pub(super) fn replace(&self, participant: &[u8], nodes: Nodes) -> Vec<String> {
         let mut known = self.lock();
         let Inner {

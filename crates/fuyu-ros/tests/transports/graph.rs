@@ -43,8 +43,8 @@ fn publishers_come_and_go_with_their_nodes_over(network: &Network) {
     });
 }
 
-// Fails if a subscription of another type were counted, or heard, as one of the topic. With rustdds one gets the samples of another
-// subscription of its participant (docs/upstream.md), and discards them.
+// Fails if a subscription of another type were counted, or heard, as one of the topic. With rustdds one gets the
+// samples of another subscription of its participant (docs/upstream.md), and discards them.
 #[test]
 fn types_must_agree_over_zenoh() {
     let router = Router::start();

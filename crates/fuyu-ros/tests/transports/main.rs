@@ -1,5 +1,5 @@
-//! The transports: nodes with each other over DDS and over Zenoh, and over Zenoh with a program that is written from the
-//! design document of rmw_zenoh.
+//! The transports: nodes with each other over DDS and over Zenoh, and over Zenoh with a program that is written from
+//! the design document of rmw_zenoh.
 
 mod actions;
 mod graph;

@@ -1,4 +1,5 @@
-//! An independent implementation: a Python program on Zenoh's Python client, which follows the design document of rmw_zenoh.
+//! An independent implementation: a Python program on Zenoh's Python client, which follows the design document of
+//! rmw_zenoh.
 
 use fuyu_ros::{msg::std_msgs, ros::Qos};
 use std::{
@@ -63,7 +64,8 @@ impl Drop for Peer {
     }
 }
 
-// Fails if anything on the wire differs from the design document: keys, tokens, attachments, GIDs, CDR, caches, queries.
+// Fails if anything on the wire differs from the design document: keys, tokens, attachments, GIDs, CDR, caches,
+// queries.
 #[test]
 fn an_independent_peer_understands_everything() {
     let router = Router::start();

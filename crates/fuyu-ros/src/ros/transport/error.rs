@@ -43,8 +43,8 @@ impl fmt::Display for TransportError {
     }
 }
 
-/// A deadlocked session: the thread that is blocked in it, and objects whose drop would block too. They are dropped when
-/// that thread ends, which it usually never does.
+/// A deadlocked session: the thread that is blocked in it, and objects whose drop would block too. They are dropped
+/// when that thread ends, which it usually never does.
 #[derive(Debug, Default)]
 pub(in crate::ros) struct AbandonedSession {
     maker: Option<JoinHandle<()>>,

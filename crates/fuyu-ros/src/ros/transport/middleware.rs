@@ -33,8 +33,8 @@ impl Default for Middleware {
 }
 
 impl Middleware {
-    /// Reads `RMW_IMPLEMENTATION` and the variables of that implementation. All implementations of DDS are compatible, so
-    /// each of their names means the one of this crate.
+    /// Reads `RMW_IMPLEMENTATION` and the variables of that implementation. All implementations of DDS are
+    /// compatible, so each of their names means the one of this crate.
     ///
     /// # Errors
     /// [`DomainError`] names the variable, its value and what would be right.

@@ -1,9 +1,9 @@
 //! Transports: what carries messages between participants.
 //!
-//! A [`Transport`] opens [`Session`]s, one after the other if need be; a session gives every publisher its [`WireWriter`],
-//! passes what arrives to the subscriptions ([`Reader::receive`]), stores in their [`Counters`](super::endpoint::Counters)
-//! what they are matched with, and tells the [`GraphCache`] of other nodes. Everything above (queues, services, parameters,
-//! actions, delivery in memory) is the same for all transports.
+//! A [`Transport`] opens [`Session`]s, one after the other if need be; a session gives every publisher its
+//! [`WireWriter`], passes what arrives to the subscriptions ([`Reader::receive`]), stores in their
+//! [`Counters`](super::endpoint::Counters) what they are matched with, and tells the [`GraphCache`] of other nodes.
+//! Everything above (queues, services, parameters, actions, delivery in memory) is the same for all transports.
 
 mod dds;
 mod error;
@@ -64,7 +64,8 @@ pub(super) trait Session: Send {
     /// Connects a subscription: from now on it receives.
     fn add_reader(&mut self, reader: &Arc<Reader>) -> Result<(), TransportError>;
 
-    /// Disconnects a publisher that is no longer among the endpoints. Its wire is for the caller to drop, without locks.
+    /// Disconnects a publisher that is no longer among the endpoints. Its wire is for the caller to drop, without
+    /// locks.
     fn remove_writer(&mut self, writer: &Writer) -> Option<Arc<dyn WireWriter>>;
 
     /// Disconnects a subscription that is no longer among the endpoints.
@@ -79,9 +80,9 @@ pub(super) trait WireWriter: Send + Sync {
     /// Identity of its samples.
     fn gid(&self) -> Gid;
 
-    /// Sends a message to other participants and returns its identity, or `None` if the transport refuses it. `related` is
-    /// the request that a reply responds to, or the reader that expects the reply to a request. May block for a few
-    /// milliseconds.
+    /// Sends a message to other participants and returns its identity, or `None` if the transport refuses it.
+    /// `related` is the request that a reply responds to, or the reader that expects the reply to a request. May
+    /// block for a few milliseconds.
     fn write(
         &self,
         cdr: Bytes,

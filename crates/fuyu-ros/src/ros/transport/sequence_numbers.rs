@@ -11,8 +11,8 @@ pub(super) struct SequenceNumbers {
 }
 
 impl SequenceNumbers {
-    /// Number of samples missing between the last one of a publisher and this one. Samples before the first one received here
-    /// were not meant for this subscription.
+    /// Number of samples missing between the last one of a publisher and this one. Samples before the first one
+    /// received here were not meant for this subscription.
     pub(super) fn missing_before(&mut self, publisher: Gid, number: i64) -> u64 {
         let before = self.last.entry(publisher).or_insert(number);
         let gap = number.saturating_sub(*before).saturating_sub(1).max(0);

@@ -51,8 +51,8 @@ struct Matches {
 /// A matched endpoint of another participant.
 struct Remote {
     guid: GUID,
-    /// Whether the first sample has been requested and the type checked. rustdds may report a match before it has returned the
-    /// new endpoint to its creator; these steps wait until the endpoint is known.
+    /// Whether the first sample has been requested and the type checked. rustdds may report a match before it has
+    /// returned the new endpoint to its creator; these steps wait until the endpoint is known.
     is_handled: bool,
 }
 

@@ -52,8 +52,8 @@ pub(super) fn reset(graph: &GraphCache, participant: GUID) {
     graph.reset(&prefix(participant.into()));
 }
 
-/// Stores the nodes announced by the participant of `publisher`, and warns of those that have the name of a node of this
-/// participant.
+/// Stores the nodes announced by the participant of `publisher`, and warns of those that have the name of a node of
+/// this participant.
 pub(super) fn receive(graph: &GraphCache, publisher: Gid, cdr: &[u8]) {
     // What is not valid is no announcement.
     for node in update(graph, publisher, cdr).unwrap_or_default() {

@@ -39,8 +39,8 @@ impl DdsWriter {
         }
     }
 
-    /// Sends a reply that is too long for rustdds with the next sequence number; false if it is not too long. Before the
-    /// sample is written: from then on rustdds says that there is nothing for the client to receive.
+    /// Sends a reply that is too long for rustdds with the next sequence number; false if it is not too long. Before
+    /// the sample is written: from then on rustdds says that there is nothing for the client to receive.
     fn send_long_reply(&self, request: SampleIdentity, cdr: &[u8]) -> bool {
         let topic = &self.dds_topic;
         let Some(rtps) = (self.rtps.as_ref()).filter(|r| r.must_send(topic, cdr.len())) else {

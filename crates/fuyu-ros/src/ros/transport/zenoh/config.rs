@@ -5,8 +5,8 @@ use std::{fmt, path::Path};
 use super::super::TransportError;
 use crate::ros::context::DomainError;
 
-/// The default of rmw_zenoh, as far as it differs from that of Zenoh: a peer that listens on loopback and is introduced to
-/// other peers by a router on this computer.
+/// The default of rmw_zenoh, as far as it differs from that of Zenoh: a peer that listens on loopback and is
+/// introduced to other peers by a router on this computer.
 const DEFAULT: &str = r#"{
     mode: "peer",
     connect: {

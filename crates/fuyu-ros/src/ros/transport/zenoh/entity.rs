@@ -1,7 +1,8 @@
-//! Liveliness tokens: each node, publisher, subscription, service and client has one, whose key expression describes it.
+//! Liveliness tokens: each node, publisher, subscription, service and client has one, whose key expression describes
+//! it.
 //!
-//! `@ros2_lv/domain/session/node id/entity id/kind/enclave/namespace/node` and, of all but nodes, `/name/type/hash/qos`, with
-//! `%` for every slash inside a part.
+//! `@ros2_lv/domain/session/node id/entity id/kind/enclave/namespace/node` and, of all but nodes,
+//! `/name/type/hash/qos`, with `%` for every slash inside a part.
 
 use xxhash_rust::xxh3::xxh3_128;
 
@@ -237,7 +238,8 @@ mod tests {
         }
     }
 
-    // XXH3-128 with seed 0, as the reference implementation computes it (xxhsum -H2). Fails if the halves changed places.
+    // XXH3-128 with seed 0, as the reference implementation computes it (xxhsum -H2). Fails if the halves changed
+    // places.
     #[test]
     fn a_gid_is_the_hash_of_its_token() {
         let empty = 0x99aa_06d3_0147_98d8_6001_c324_468d_497f_u128;

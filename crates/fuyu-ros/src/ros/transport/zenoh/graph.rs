@@ -1,4 +1,5 @@
-//! The graph as liveliness tokens tell it: the nodes of other sessions, and what the endpoints of this one are matched with.
+//! The graph as liveliness tokens tell it: the nodes of other sessions, and what the endpoints of this one are
+//! matched with.
 
 use std::{
     collections::{HashMap, HashSet},

@@ -1,7 +1,7 @@
 //! Quality of service in liveliness tokens: fields separated by colons, empty where they have the default of rmw_zenoh.
 //!
-//! `reliability:durability:history,depth:deadline:lifespan:liveliness,lease`, with the numbers of `rmw/types.h`; durations
-//! are seconds and nanoseconds, separated by a comma.
+//! `reliability:durability:history,depth:deadline:lifespan:liveliness,lease`, with the numbers of `rmw/types.h`;
+//! durations are seconds and nanoseconds, separated by a comma.
 
 use std::time::Duration;
 
