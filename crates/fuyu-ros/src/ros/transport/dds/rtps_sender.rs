@@ -12,7 +12,7 @@ use std::{
     time::Duration,
 };
 
-use super::DiscoveryRange;
+use crate::ros::DiscoveryRange;
 
 /// Protocol, version 2.3, and the vendor id of rustdds.
 const HEADER: [u8; 8] = *b"RTPS\x02\x03\x01\x12";
