@@ -1,7 +1,7 @@
 """PPO of stable-baselines3 learns fuyu/Reach-v0 on 256 robots that are stepped together.
 
     pip install "./python[gym]" stable-baselines3
-    python python/examples/train_reach_sb3.py --steps 2000000
+    python python/examples/train_reach_sb3.py --steps 2000000 --draw curve.svg
 
 Prints a row per evaluation: agent steps, seconds, mean distance at the end of an episode [m], share of successful episodes.
 Learning on the processor suffices; torch from the Python Package Index brings the libraries of a graphics card too (5 GB), its builds for processors are smaller.
@@ -107,12 +107,30 @@ class Curve(BaseCallback):
         print("%9d steps %7.1f s   distance %.3f m   success %.2f" % row, flush=True)
 
 
+def draw(rows: list[tuple[int, float, float, float]], path: str) -> None:
+    """Distance and successes of the evaluations over the time of learning."""
+    from matplotlib.figure import Figure
+
+    minutes = [row[1] / 60 for row in rows]
+    figure = Figure(figsize=(6.4, 2.8), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    left.semilogy(minutes, [row[2] for row in rows])
+    left.set(xlabel="time [min]", ylabel="distance at the end [m]")
+    right.plot(minutes, [row[3] for row in rows])
+    right.set(xlabel="time [min]", ylabel="successful episodes", ylim=(0, 1.02))
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+        axes.set_xlim(left=0)
+    figure.savefig(path, metadata={"Date": None})
+
+
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--steps", type=int, default=2_000_000, help="agent steps of all robots together")
     options.add_argument("--robots", type=int, default=256)
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--output", help="write the learning curve as JSON to this file")
+    options.add_argument("--draw", help="draw the learning curve into this file (.svg, .png; needs matplotlib)")
     given = options.parse_args()
     torch.set_num_threads(2)
     agent = PPO(
@@ -134,6 +152,8 @@ def main() -> None:
     if given.output:
         with open(given.output, "w") as file:
             json.dump({"columns": ["steps", "seconds", "distance", "success"], "rows": curve.rows}, file)
+    if given.draw:
+        draw(curve.rows, given.draw)
 
 
 if __name__ == "__main__":

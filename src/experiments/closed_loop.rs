@@ -18,8 +18,8 @@ use crate::{
         attitude::AttitudeLoop,
         camera::{TargetCamera, camera_frame, second_camera},
         controller::second_tip,
-        dynamics::{FreeBody as _, World, imu},
-        geometry::{message_round_trip, vector_from_msg, with_matrix},
+        dynamics::{FreeBody as _, World, gyro},
+        geometry::{message_round_trip, with_matrix},
         scenario::Scenario,
         tip_frame,
     },
@@ -230,6 +230,14 @@ impl ClosedLoop {
     /// When the motion has diverged.
     pub fn advance(&mut self) -> Result<(), String> {
         self.world.step_to_tick();
+        self.check()
+    }
+
+    /// Checks the state after a step.
+    ///
+    /// # Errors
+    /// When the motion has diverged.
+    pub(super) fn check(&mut self) -> Result<(), String> {
         self.world.check_grasps()?;
         self.world.check_contacts()?;
         self.world.check_divergence()
@@ -242,7 +250,7 @@ impl AttitudeControl {
         let Self { attitude, frames } = self;
         let stamp = Time::from_secs_f64(world.time());
         let at = |e: String| format!("at {:.2} s: attitude: {e}", stamp.as_secs_f64());
-        let gyro = vector_from_msg(&imu(stamp, "", world).angular_velocity);
+        let gyro = gyro(world);
         let now = Stamp::from_nanos(stamp.as_nanos());
         world.expose_star_tracker();
         frames.clear();
@@ -410,7 +418,7 @@ impl VisualServo {
         // equal to this one.
         let stamp = Time::from_secs_f64(world.time());
         let time = stamp.as_secs_f64();
-        let gyro = imu(stamp, "", world).angular_velocity;
+        let gyro = gyro(world);
         let stamp = Stamp::from_nanos(stamp.as_nanos());
         let robot = &world.robot;
         // The camera knows the arm's kinematics and its joints, as the camera node does.
@@ -440,8 +448,7 @@ impl VisualServo {
                 self.feature_frames.push(frame);
             }
         }
-        (self.feed(world, stamp, &X_WB, &vector_from_msg(&gyro), frames))
-            .map_err(|e| at(e.to_string()))?;
+        (self.feed(world, stamp, &X_WB, &gyro, frames)).map_err(|e| at(e.to_string()))?;
         let report = self.control_loop.step();
         let report = report.ok_or_else(|| at("no joint state is due".to_owned()))?;
         if let Err(e) = &report.control {

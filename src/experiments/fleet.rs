@@ -106,6 +106,14 @@ impl Fleet {
         Ok(())
     }
 
+    /// The loop of the only robot; `None` if there are several.
+    pub(super) fn only_robot(&mut self) -> Option<&mut ClosedLoop> {
+        match self.robots.as_mut_slice() {
+            [one] => Some(&mut one.closed_loop),
+            _ => None,
+        }
+    }
+
     /// Pose of a robot's base, or of one of its targets, in the world.
     fn pose(&self, robot: usize, target: Option<usize>) -> Pose {
         let world = &self.robots[robot].closed_loop.world;

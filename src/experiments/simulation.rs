@@ -12,6 +12,7 @@ use crate::{
     bag::BagError,
     control::ConvergenceFailure,
     nodes::{dynamics::World, scenario::Scenario},
+    vision::PoseFrame,
 };
 
 /// Simulated time of a scenario that states none \[s\].
@@ -147,52 +148,78 @@ pub fn simulate(
     mut bag: Option<&mut SimulatedBag>,
     mut watch: impl FnMut(&Fleet, &[Observed]) -> Result<(), Stop>,
 ) -> Result<Vec<Observed>, Stop> {
-    let observed = fleet.robots().map(|(_, closed_loop)| Observed {
-        performance: Performance::new(&closed_loop.world),
-        events: EventWatch::default(),
-        trouble: None,
-    });
-    let mut observed: Vec<_> = observed.collect();
+    let mut observed = Observed::all(fleet);
     let mut frames = Vec::new();
     loop {
-        let time = fleet.time();
-        if let Some(bag) = bag.as_deref_mut() {
-            bag.time(time)?;
-        }
-        for (i, seen) in observed.iter_mut().enumerate() {
-            let Observed {
-                performance,
-                events,
-                trouble,
-            } = seen;
-            let closed_loop = fleet.robot(i);
-            if let Some(bag) = bag.as_deref_mut() {
-                bag.state(i, &mut closed_loop.world)?;
-                bag.images::<Stop>(i, &closed_loop.world)?;
-            }
-            let answered = closed_loop.answer::<Stop>(&mut frames, |world, moment| {
-                performance.see(world, moment);
-                events.see(world);
-                *trouble = moment.trouble().map(|now| {
-                    let since = trouble.map_or(time, |(since, _)| since);
-                    (since, now)
-                });
-                match bag.as_deref_mut() {
-                    Some(bag) => Ok(bag.moment(i, time, moment)?),
-                    None => Ok(()),
-                }
-            });
-            answered.map_err(|stop| match stop {
-                Stop::Physics(problem) => Stop::Physics(fleet.of_robot(i, &problem)),
-                stop => stop,
-            })?;
-        }
+        answer(fleet, &mut observed, &mut frames, bag.as_deref_mut())?;
         watch(fleet, &observed)?;
-        if time >= duration - 1e-9 {
+        if is_over(fleet, duration) {
             return Ok(observed);
         }
         fleet.advance()?;
     }
+}
+
+/// Whether the present state is the last one.
+pub(super) fn is_over(fleet: &Fleet, duration: f64) -> bool {
+    fleet.time() >= duration - 1e-9
+}
+
+impl Observed {
+    /// Of the robots at the start.
+    pub(super) fn all(fleet: &Fleet) -> Vec<Self> {
+        let observed = fleet.robots().map(|(_, closed_loop)| Self {
+            performance: Performance::new(&closed_loop.world),
+            events: EventWatch::default(),
+            trouble: None,
+        });
+        observed.collect()
+    }
+}
+
+/// Cameras and controllers answer the present state of all robots.
+///
+/// # Errors
+/// Why it cannot go on.
+pub(super) fn answer(
+    fleet: &mut Fleet,
+    observed: &mut [Observed],
+    frames: &mut Vec<PoseFrame>,
+    mut bag: Option<&mut SimulatedBag>,
+) -> Result<(), Stop> {
+    let time = fleet.time();
+    if let Some(bag) = bag.as_deref_mut() {
+        bag.time(time)?;
+    }
+    for (i, seen) in observed.iter_mut().enumerate() {
+        let Observed {
+            performance,
+            events,
+            trouble,
+        } = seen;
+        let closed_loop = fleet.robot(i);
+        if let Some(bag) = bag.as_deref_mut() {
+            bag.state(i, &mut closed_loop.world)?;
+            bag.images::<Stop>(i, &closed_loop.world)?;
+        }
+        let answered = closed_loop.answer::<Stop>(frames, |world, moment| {
+            performance.see(world, moment);
+            events.see(world);
+            *trouble = moment.trouble().map(|now| {
+                let since = trouble.map_or(time, |(since, _)| since);
+                (since, now)
+            });
+            match bag.as_deref_mut() {
+                Some(bag) => Ok(bag.moment(i, time, moment)?),
+                None => Ok(()),
+            }
+        });
+        answered.map_err(|stop| match stop {
+            Stop::Physics(problem) => Stop::Physics(fleet.of_robot(i, &problem)),
+            stop => stop,
+        })?;
+    }
+    Ok(())
 }
 
 /// The figures of each robot. `wall_time` is the time that the run took \[s\].

@@ -207,10 +207,18 @@ fn wrong_input_is_refused_in_one_line() {
         "dask",
         "--address",
     ];
-    other(
-        &[&dask[..], &["tcp://127.0.0.1:1"]].concat(),
-        "no Dask scheduler answers",
-    );
+    for (address, problem) in [
+        ("tcp://127.0.0.1:1", "Connection refused"),
+        ("127.0.0.1:1", "Connection refused"),
+        ("tcp://127.0.0.1", "invalid socket address"),
+        (
+            "tcp://no-such-host.invalid:8786",
+            "failed to lookup address",
+        ),
+    ] {
+        let refused = format!("--address {address}: no Dask scheduler answers: {problem}");
+        other(&[&dask[..], &[address]].concat(), &refused);
+    }
     other(
         &[
             "campaign",
@@ -255,6 +263,45 @@ fn a_full_disk_is_one_line_and_the_campaign_continues_later() {
     let whole = folder.path().join("whole");
     assert_eq!(fuyu(&run(&config, &whole, &[])).code, 0);
     assert!(results(&output) == results(&whole));
+}
+
+// A file system that is really full: the journal cannot be written, or, with a little more room, the table.
+#[test]
+fn a_full_file_system_is_one_line() {
+    let text = CAMPAIGN.replace("runs: 600", "runs: 40");
+    let (folder, config) = file("campaign.yaml", text);
+    let mount = folder.path().join("small");
+    fs::create_dir(&mount).unwrap();
+    // In namespaces of its own, so that neither root nor cleaning up is needed.
+    let in_namespace = |size: &str, command: &[String]| {
+        let script = r#"mount -t tmpfs -o size="$1" tmpfs "$2" || exit 77; shift 2; exec "$@""#;
+        let output = Command::new("unshare")
+            .args(["--user", "--map-root-user", "--mount", "bash", "-c", script])
+            .args(["bash", size, mount.to_str().unwrap()])
+            .args(command)
+            .output();
+        output.ok()
+    };
+    let works = in_namespace("16k", &["true".to_owned()]);
+    if works.is_none_or(|output| output.status.code() != Some(0)) {
+        eprintln!("SKIPPED: no file system can be mounted in a user namespace here");
+        return;
+    }
+    for (size, file) in [
+        ("16k", "journal/part-000000"),
+        ("64k", "results/part-000000"),
+    ] {
+        let mut command = vec![env!("CARGO_BIN_EXE_fuyu").to_owned()];
+        command.extend(run(&config, &mount.join("out"), &[]));
+        let output = in_namespace(size, &command).unwrap();
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{size}: {stderr}");
+        assert_eq!(stderr.lines().count(), 1, "{stderr}");
+        assert!(
+            stderr.contains(file) && stderr.contains("cannot be written: No space left on device"),
+            "{stderr}"
+        );
+    }
 }
 
 #[test]

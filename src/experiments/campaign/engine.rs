@@ -27,6 +27,9 @@ use super::{
 /// How often a run is tried whose process ends. The reason may be that everything is being killed.
 const TRIES: u32 = 3;
 
+/// Most runs that a process computes at the same time, in the lanes of SIMD registers.
+const LANES: usize = 8;
+
 /// Where runs are computed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Workers {
@@ -95,11 +98,12 @@ pub fn run_range(
             scope.spawn(move || {
                 let mut worker = Worker::new(campaign, dataset.folder(), &options.workers);
                 while !stop.load(Ordering::Relaxed) {
-                    let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
-                    let Some(run) = next else { break };
-                    let row = worker.run(run);
-                    let failed = row.is_err();
-                    if sender.send(row).is_err() || failed {
+                    let mut queue = queue.lock().unwrap_or_else(PoisonError::into_inner);
+                    // Fewer towards the end, so that all workers end at about the same time.
+                    let count = (queue.len() / (2 * jobs)).clamp(1, worker.lanes());
+                    let next: Vec<_> = queue.by_ref().take(count).collect();
+                    drop(queue);
+                    if next.is_empty() || !worker.run_all(&next, |row| sender.send(row).is_ok()) {
                         break;
                     }
                 }
@@ -148,6 +152,74 @@ impl<'a> Worker<'a> {
                 process: None,
             },
         }
+    }
+
+    /// How many runs it computes at the same time.
+    fn lanes(&self) -> usize {
+        match self {
+            Self::Thread(..) => 1,
+            Self::Process { .. } => LANES,
+        }
+    }
+
+    /// Computes runs and sends their rows. Returns whether it may go on.
+    fn run_all(
+        &mut self,
+        runs: &[u64],
+        mut send: impl FnMut(Result<Row, CampaignError>) -> bool,
+    ) -> bool {
+        let mut missing = runs;
+        if runs.len() > 1 {
+            match self.run_together(runs) {
+                Ok(rows) => {
+                    missing = &runs[rows.len()..];
+                    if !rows.into_iter().all(|row| send(Ok(row))) {
+                        return false;
+                    }
+                }
+                Err(e) => {
+                    send(Err(e));
+                    return false;
+                }
+            }
+        }
+        // If a process hangs or ends, each run alone shows which one it was.
+        missing.iter().all(|run| {
+            let row = self.run(*run);
+            let is_row = row.is_ok();
+            send(row) && is_row
+        })
+    }
+
+    /// The rows of the first runs, up to that with which the process ended or took too long.
+    fn run_together(&mut self, runs: &[u64]) -> Result<Vec<Row>, CampaignError> {
+        let Self::Process {
+            campaign,
+            folder,
+            command,
+            process,
+        } = self
+        else {
+            return Ok(Vec::new());
+        };
+        let mut worker = match process.take() {
+            Some(worker) => worker,
+            None => WorkerProcess::start(command, folder)?,
+        };
+        let mut rows = Vec::new();
+        // It looks at the time itself, and begins again with each run alone.
+        let limit = 2.2 * campaign.time_limit() + 10.0;
+        if worker.ask(runs) {
+            while rows.len() < runs.len() {
+                match worker.reply(limit) {
+                    Answer::Reply(Reply::Row(row)) => rows.push(row),
+                    Answer::Reply(Reply::Error(e)) => return Err(CampaignError::Runtime(e)),
+                    Answer::Late | Answer::Ended => return Ok(rows),
+                }
+            }
+        }
+        *process = Some(worker);
+        Ok(rows)
     }
 
     fn run(&mut self, run: u64) -> Result<Row, CampaignError> {
@@ -250,12 +322,21 @@ impl WorkerProcess {
     }
 
     fn answer(&mut self, run: u64, limit: f64) -> Answer {
-        if writeln!(self.stdin, "{run}")
-            .and_then(|()| self.stdin.flush())
-            .is_err()
-        {
-            return Answer::Ended;
+        match self.ask(&[run]) {
+            true => self.reply(limit),
+            false => Answer::Ended,
         }
+    }
+
+    /// Asks for runs; whether the process is there.
+    fn ask(&mut self, runs: &[u64]) -> bool {
+        let runs: Vec<_> = runs.iter().map(u64::to_string).collect();
+        let asked = writeln!(self.stdin, "{}", runs.join(" "));
+        asked.and_then(|()| self.stdin.flush()).is_ok()
+    }
+
+    /// The next reply, within `limit` \[s\].
+    fn reply(&mut self, limit: f64) -> Answer {
         let limit = Duration::try_from_secs_f64(limit).unwrap_or(Duration::MAX);
         match self.replies.recv_timeout(limit) {
             Ok(line) => match serde_json::from_str(&line) {
@@ -287,8 +368,8 @@ impl Drop for WorkerProcess {
     }
 }
 
-/// Computes the runs whose numbers come on stdin, a line each, and writes a row for each to stdout. Returns when stdin ends,
-/// also during a run: then whoever asked is gone.
+/// Computes the runs whose numbers come on stdin, those of a line together, and writes a row for each to stdout.
+/// Returns when stdin ends, also during a run: then whoever asked is gone.
 ///
 /// # Errors
 /// [`CampaignError::Input`] if `folder` holds no campaign.
@@ -299,25 +380,31 @@ pub fn serve_worker(folder: &Path) -> Result<(), CampaignError> {
     let (sender, runs) = mpsc::channel();
     thread::spawn(move || {
         for line in std::io::stdin().lines() {
-            let run = line.ok().and_then(|line| line.trim().parse::<u64>().ok());
-            if run.is_none_or(|run| sender.send(run).is_err()) {
+            let runs = line.ok().and_then(|line| {
+                let numbers = line.split_whitespace().map(|run| run.parse::<u64>().ok());
+                numbers.collect::<Option<Vec<_>>>()
+            });
+            if runs.is_none_or(|runs| sender.send(runs).is_err()) {
                 break;
             }
         }
         std::process::exit(0);
     });
-    for run in runs {
-        let reply = match run < campaign.runs() {
-            true => campaign
-                .run_one(run, Some(folder))
-                .map_or_else(|e| Reply::Error(e.to_string()), Reply::Row),
-            false => Reply::Error(format!("there is no run {run}")),
+    for runs in runs {
+        let replies = match runs.iter().find(|run| **run >= campaign.runs()) {
+            Some(run) => vec![Reply::Error(format!("there is no run {run}"))],
+            None => match campaign.run_together(&runs, Some(folder)) {
+                Ok(rows) => rows.into_iter().map(Reply::Row).collect(),
+                Err(e) => vec![Reply::Error(e.to_string())],
+            },
         };
-        let line = serde_json::to_string(&reply);
-        let line = line.map_err(|e| CampaignError::Runtime(e.to_string()))?;
         let mut stdout = std::io::stdout().lock();
-        let written = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
-        written.map_err(|e| CampaignError::Runtime(format!("cannot write to stdout: {e}")))?;
+        for reply in replies {
+            let line = serde_json::to_string(&reply);
+            let line = line.map_err(|e| CampaignError::Runtime(e.to_string()))?;
+            let written = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
+            written.map_err(|e| CampaignError::Runtime(format!("cannot write to stdout: {e}")))?;
+        }
     }
     Ok(())
 }

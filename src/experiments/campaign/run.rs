@@ -17,8 +17,8 @@ use super::{
 };
 use crate::{
     experiments::{
-        Fleet,
-        simulation::{self, Stop},
+        Fleet, simulate_together,
+        simulation::{self, Observed, Stop},
     },
     nodes::scenario::Scenario,
 };
@@ -50,9 +50,57 @@ impl Campaign {
     pub fn run_one(&self, run: u64, folder: Option<&Path>) -> Result<Row, CampaignError> {
         let start = Instant::now();
         let scenario = self.scenario_of(run);
-        let parameters = self.parameters_of(run);
         let bags = folder.filter(|_| self.file.keep.bags == Bags::All);
         let outcome = self.attempt(run, &scenario, folder, bags);
+        self.row_of(run, &scenario, outcome, folder, start)
+    }
+
+    /// Simulates several runs at the same time in this thread, whose plants are stepped in SIMD lanes where they can
+    /// be: the same rows as those of [`Campaign::run_one`], sooner. The wall time of a run is its share.
+    ///
+    /// # Errors
+    /// As [`Campaign::run_one`].
+    ///
+    /// # Panics
+    /// If there is no such run.
+    pub fn run_together(
+        &self,
+        runs: &[u64],
+        folder: Option<&Path>,
+    ) -> Result<Vec<Row>, CampaignError> {
+        let start = Instant::now();
+        // Bags and time series are written run by run; their memory is that of one run.
+        let keep = &self.file.keep;
+        let is_single = runs.len() < 2 || keep.bags == Bags::All || keep.series.is_some();
+        let outcomes = match is_single {
+            true => None,
+            // What one of them does must not change the others: after a panic, or too long a time, each is computed
+            // alone.
+            false => catch_unwind(AssertUnwindSafe(|| self.simulate_all(runs)))
+                .ok()
+                .flatten(),
+        };
+        let Some(outcomes) = outcomes else {
+            return runs.iter().map(|run| self.run_one(*run, folder)).collect();
+        };
+        let share = start.elapsed() / runs.len() as u32;
+        let rows = runs.iter().zip(outcomes).map(|(run, (scenario, outcome))| {
+            let start = Instant::now().checked_sub(share).unwrap_or(start);
+            self.row_of(*run, &scenario, outcome, folder, start)
+        });
+        rows.collect()
+    }
+
+    /// The row of a run that began at `start`.
+    fn row_of(
+        &self,
+        run: u64,
+        scenario: &Scenario,
+        outcome: Outcome,
+        folder: Option<&Path>,
+        start: Instant,
+    ) -> Result<Row, CampaignError> {
+        let parameters = self.parameters_of(run);
         let (mut verdict, mut reason, mut results) =
             (Verdict::Success, None, vec![Cell::Null; self.results.len()]);
         match outcome {
@@ -80,7 +128,7 @@ impl Campaign {
             && !matches!(verdict, Verdict::Success | Verdict::Timeout);
         if let Some(folder) = folder.filter(|_| wanted) {
             // The same once more, with a bag.
-            if let Outcome::Unwritten(e) = self.attempt(run, &scenario, None, Some(folder)) {
+            if let Outcome::Unwritten(e) = self.attempt(run, scenario, None, Some(folder)) {
                 return Err(CampaignError::Runtime(e));
             }
         }
@@ -173,22 +221,74 @@ impl Campaign {
         {
             return Outcome::Unwritten(e.to_string());
         }
+        let is_cut = is_late && observed.is_err();
         if let (Some(recorder), Some(folder)) = (recorder, series)
             && let Err(e) = recorder.write(&series_path(folder, run))
         {
             return Outcome::Unwritten(e);
         }
-        let observed = match observed {
-            Ok(observed) => observed,
-            Err(_) if is_late => return Outcome::Timeout,
-            Err(Stop::Bag(e)) => return Outcome::Unwritten(e.to_string()),
-            Err(stop) => return error(stop.describe(scenario)),
-        };
-        let summaries = simulation::summaries(&fleet, &observed, 0.0);
-        match simulation::results(&fleet, &observed, &summaries) {
-            Ok(result) => Outcome::Result(result),
-            Err(e) => error(e.to_string()),
+        match is_cut {
+            true => Outcome::Timeout,
+            false => end_of(scenario, &fleet, observed),
         }
+    }
+
+    /// Simulates several runs without bags and time series; `None` if they take too long.
+    fn simulate_all(&self, runs: &[u64]) -> Option<Vec<(Scenario, Outcome)>> {
+        let scenarios: Vec<_> = runs.iter().map(|run| self.scenario_of(*run)).collect();
+        let (mut fleets, mut refused) = (Vec::new(), Vec::new());
+        for scenario in &scenarios {
+            refused.push(match Fleet::new(scenario) {
+                Ok(fleet) => {
+                    let duration = simulation::duration_of(&fleet, None);
+                    fleets.push((fleet, duration));
+                    None
+                }
+                Err(e) => Some(Outcome::Error(one_line(&e))),
+            });
+        }
+        let limit = Duration::try_from_secs_f64(self.time_limit()).unwrap_or(Duration::MAX);
+        let start = Instant::now();
+        let mut is_late = false;
+        let ends = simulate_together(&mut fleets, |_, _, _| {
+            is_late |= start.elapsed() > limit;
+            match is_late {
+                true => Err(Stop::Watcher(String::new())),
+                false => Ok(()),
+            }
+        });
+        if is_late {
+            return None;
+        }
+        let mut ended = fleets.iter().zip(ends);
+        let outcomes = scenarios
+            .into_iter()
+            .zip(refused)
+            .map(|(scenario, refused)| {
+                let outcome = match refused {
+                    Some(outcome) => outcome,
+                    None => {
+                        let ((fleet, _), observed) = ended.next()?;
+                        end_of(&scenario, fleet, observed)
+                    }
+                };
+                Some((scenario, outcome))
+            });
+        outcomes.collect()
+    }
+}
+
+/// What a run gave that ended with `observed`.
+fn end_of(scenario: &Scenario, fleet: &Fleet, observed: Result<Vec<Observed>, Stop>) -> Outcome {
+    let observed = match observed {
+        Ok(observed) => observed,
+        Err(Stop::Bag(e)) => return Outcome::Unwritten(e.to_string()),
+        Err(stop) => return Outcome::Error(one_line(&stop.describe(scenario))),
+    };
+    let summaries = simulation::summaries(fleet, &observed, 0.0);
+    match simulation::results(fleet, &observed, &summaries) {
+        Ok(result) => Outcome::Result(result),
+        Err(e) => Outcome::Error(one_line(&e.to_string())),
     }
 }
 

@@ -352,6 +352,36 @@ fn a_run_beyond_its_time_is_a_row() {
     );
 }
 
+// Neighbours in the lanes, or how they end, must not change a run.
+#[test]
+fn runs_together_are_those_alone() {
+    let lines = "dispersions:\n  camera.dropout: {list: [0.0, 0.3, 2.0, 0.5, 0.1, 0.0, 0.2, 0.9, 0.4, 0.7]}\n  \
+                 dynamics.initial_joint_positions: {apply: add, normal: {sigma: 0.1}}\n  \
+                 dynamics.time_step: {list: [0.01, 0.005, 0.01, 0.01, 0.01, 0.005, 0.01, 0.01, 0.01, 0.01]}\n\
+                 success: ['tip_position_error < 1.7']";
+    let campaign = campaign(10, 2.0, lines).unwrap();
+    let runs: Vec<_> = (0..10).collect();
+    let without_time = |mut row: Row| {
+        row.wall_time = 0.0;
+        row
+    };
+    let together = campaign.run_together(&runs, None).unwrap();
+    let together: Vec<_> = together.into_iter().map(without_time).collect();
+    let alone = runs.iter().map(|run| campaign.run_one(*run, None).unwrap());
+    let alone: Vec<_> = alone.map(without_time).collect();
+    assert_eq!(together, alone);
+    let verdicts: Vec<_> = alone.iter().map(|row| row.verdict).collect();
+    assert_eq!(verdicts[2], Verdict::Error);
+    assert!(verdicts.contains(&Verdict::Success) || verdicts.contains(&Verdict::Failure));
+}
+
+#[test]
+fn runs_together_that_take_too_long_are_rows() {
+    let campaign = campaign(2, 60.0, "time_limit: 1.0e-6").unwrap();
+    let rows = campaign.run_together(&[0, 1], None).unwrap();
+    assert!(rows.iter().all(|row| row.verdict == Verdict::Timeout));
+}
+
 /// An executable that is no worker.
 fn worker(folder: &Path, script: &str) -> Workers {
     let path = folder.join("worker.sh");

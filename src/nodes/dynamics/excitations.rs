@@ -149,6 +149,11 @@ impl Excitations {
         self.waves().any(|wave| wave.acts_from(time))
     }
 
+    /// Whether there is none.
+    pub fn are_none(&self) -> bool {
+        self.waves().next().is_none()
+    }
+
     /// Whether any acts on a link at some time.
     pub fn push(&self) -> bool {
         !self.links.is_empty()

@@ -147,6 +147,11 @@ impl ExternalWrenches {
         self.has_acted.then_some(&self.change)
     }
 
+    /// Whether there are neither wrenches nor excitations, now or later.
+    pub fn are_none(&self) -> bool {
+        self.wrenches.is_empty() && !self.is_set && self.excitations.are_none()
+    }
+
     /// The first time in `(time, end)` at which a wrench or an excitation begins or ends, or `end` \[s\].
     pub fn next_change(&self, time: f64, end: f64) -> f64 {
         let times = self.wrenches.iter().flat_map(|w| [w.from, w.until]);

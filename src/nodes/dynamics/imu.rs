@@ -96,19 +96,72 @@ pub(super) fn imu_message(base: &str, params: &ImuParams) -> sensor_msgs::Imu {
 
 /// Updates a message of [`imu_message`].
 pub(super) fn update_imu(message: &mut sensor_msgs::Imu, stamp: Time, world: &mut World) {
-    let params = *world.imu();
+    let noise = world.imu().accelerometer_noise;
     let acceleration = world.base_acceleration().linear;
-    let mut random = StdRng::seed_from_u64(params.seed.rotate_left(32) ^ world.ticks());
-    let mut with_noise = |truth: Vector3<f64>, noise: f64| {
-        let mut normal = || random.sample::<f64, _>(StandardNormal);
-        truth + Vector3::new(normal(), normal(), normal()) * noise
-    };
-    let biased = world.robot.V_WB_B().angular + world.gyro_bias();
-    let angular_velocity = with_noise(biased, params.gyro_noise);
-    let acceleration = with_noise(acceleration, params.accelerometer_noise);
+    let (angular_velocity, mut random) = measured_rate(world);
+    let acceleration = with_noise(acceleration, noise, &mut random);
     message.header.stamp = stamp.into();
     message.angular_velocity = vector_to_msg(&angular_velocity);
     message.linear_acceleration = vector_to_msg(&acceleration);
+}
+
+/// The angular velocity of [`imu`] alone \[rad/s\], base axes, without accelerations, which are not computed.
+pub fn gyro(world: &World) -> Vector3<f64> {
+    measured_rate(world).0
+}
+
+/// The measured angular velocity, and the generator of the rest of the noise.
+fn measured_rate(world: &World) -> (Vector3<f64>, NoiseGenerator) {
+    let params = world.imu();
+    let biased = world.robot.V_WB_B().angular + world.gyro_bias();
+    let mut random = NoiseGenerator::new(params.seed.rotate_left(32) ^ world.ticks());
+    let measured = match params.gyro_noise == 0.0 {
+        true => {
+            // The numbers of the accelerometer are the next ones.
+            random.skip += 3;
+            biased
+        }
+        false => with_noise(biased, params.gyro_noise, &mut random),
+    };
+    (measured, random)
+}
+
+/// A measured vector whose components have the standard deviation `noise`.
+fn with_noise(truth: Vector3<f64>, noise: f64, random: &mut NoiseGenerator) -> Vector3<f64> {
+    match noise == 0.0 {
+        true => truth,
+        false => truth + random.normal() * noise,
+    }
+}
+
+/// Normal numbers of a state, which are the same whenever they are drawn. The generator is seeded with the first one:
+/// an ideal unit needs none.
+struct NoiseGenerator {
+    seed: u64,
+    /// Made with the first number.
+    random: Option<StdRng>,
+    /// Numbers to leave out before the next one.
+    skip: u32,
+}
+
+impl NoiseGenerator {
+    fn new(seed: u64) -> Self {
+        Self {
+            seed,
+            random: None,
+            skip: 0,
+        }
+    }
+
+    fn normal(&mut self) -> Vector3<f64> {
+        let seed = self.seed;
+        let random = (self.random).get_or_insert_with(|| StdRng::seed_from_u64(seed));
+        for _ in 0..std::mem::take(&mut self.skip) {
+            random.sample::<f64, _>(StandardNormal);
+        }
+        let mut normal = || random.sample::<f64, _>(StandardNormal);
+        Vector3::new(normal(), normal(), normal())
+    }
 }
 
 /// Covariance of three independent components with this standard deviation, by rows.

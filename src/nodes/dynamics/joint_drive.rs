@@ -352,6 +352,10 @@ impl JointDrive {
         if seconds <= 0.0 {
             return;
         }
+        if let Some((dt, steps)) = self.begin_held(robot, seconds, time_step) {
+            wrenches.step(robot, time, dt, steps);
+            return;
+        }
         let mode = self.mode();
         if mode != DriveMode::Rate {
             self.servo.reset_integral();
@@ -370,11 +374,6 @@ impl JointDrive {
         };
         let steps = step_count(seconds, longest);
         let dt = seconds / steps as f64;
-        if mode == DriveMode::Effort && self.grippers.is_empty() {
-            self.mean_efforts.add(robot.efforts().as_slice(), seconds);
-            wrenches.step(robot, time, dt, steps);
-            return;
-        }
         for step in 0..steps {
             let now = time + step as f64 * dt;
             if mode != DriveMode::Effort {
@@ -386,6 +385,23 @@ impl JointDrive {
             self.mean_efforts.add(robot.efforts().as_slice(), dt);
             wrenches.step(robot, now, dt, 1);
         }
+    }
+
+    /// If all joints hold their efforts, and there are no grippers: counts these for `seconds`, and returns length \[s\] and number of the
+    /// integration steps of at most `time_step` \[s\].
+    pub fn begin_held(
+        &mut self,
+        robot: &Robot,
+        seconds: f64,
+        time_step: f64,
+    ) -> Option<(f64, usize)> {
+        if self.mode() != DriveMode::Effort || !self.grippers.is_empty() {
+            return None;
+        }
+        self.servo.reset_integral();
+        let steps = step_count(seconds, time_step);
+        self.mean_efforts.add(robot.efforts().as_slice(), seconds);
+        Some((seconds / steps as f64, steps))
     }
 
     /// Counts an effort of `joint` that is not the drive's, for `seconds`, among the mean efforts.

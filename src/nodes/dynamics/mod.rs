@@ -86,7 +86,7 @@ mod wrist;
 pub use contact_messages::contacts;
 pub use external_wrenches::ExternalChange;
 pub use free_body::FreeBody;
-pub use imu::{ImuParams, imu};
+pub use imu::{ImuParams, gyro, imu};
 pub use loops::{EndParams, LoopParams};
 pub use messages::{
     FrameTree, WORLD, external_impulse, joint_states, momentum, odometry, target_joint_states,
@@ -101,7 +101,7 @@ pub use robot::Robot;
 pub use star_tracker::star_tracker_message;
 pub use target::Target;
 pub use touching::{Label, LinkEvent, Touching};
-pub use world::{GraspEvent, LinkContact, World};
+pub use world::{GraspEvent, HeldTick, LinkContact, World};
 pub use wrist::{WristParams, wrist_message};
 
 use crate::ros::{Lifecycle, Node, NodeError, Transition};

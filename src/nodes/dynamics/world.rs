@@ -4,6 +4,7 @@ mod contact;
 #[cfg(test)]
 mod flexible_tests;
 mod grasping;
+mod held_tick;
 #[cfg(test)]
 mod tests;
 
@@ -11,6 +12,7 @@ pub use contact::LinkContact;
 use contact::WorldContacts;
 pub use grasping::GraspEvent;
 use grasping::Grasps;
+pub use held_tick::HeldTick;
 
 use super::divergence::{self, StateBackup};
 use super::excitations::Excitations;
@@ -248,6 +250,11 @@ impl World {
         let start = self.time.now();
         let seconds = self.time.advance_to_tick();
         self.step_from(start, seconds);
+        self.finish_tick();
+    }
+
+    /// What changes at the end of each tick.
+    fn finish_tick(&mut self) {
         self.drive.finish_tick(self.time.period());
         self.wheel_torques.finish_tick(self.time.period());
         self.gyro_walk += self.imu.bias_step(self.time.ticks(), self.time.period());

@@ -6,8 +6,8 @@ use super::prediction::{GoalMotionConfig, Prediction, Predictor, TipPrediction};
 use super::{GoalRate, Manipulator, Measurement, MovingGoal, PoseError, TipMeasurement};
 use crate::dynamics::Momentum;
 
-/// Tips, goals and base at the time of the joint state. The predictors are updated even when no prediction is chosen, so
-/// that choosing one takes effect at once.
+/// Tips, goals and base at the time of the joint state. The predictors get all measurements even when no prediction is
+/// chosen, so that choosing one takes effect at once.
 #[derive(Debug)]
 pub(super) struct LatencyCompensation {
     /// One for each tip.
@@ -23,7 +23,7 @@ impl LatencyCompensation {
     pub fn new(manipulator: &Manipulator, config: GoalMotionConfig) -> Self {
         let tips = manipulator.tips().count();
         Self {
-            predictors: vec![Predictor::new(config); tips],
+            predictors: (0..tips).map(|_| Predictor::new(config)).collect(),
             tips: vec![None; tips],
             w_IB_B: Vector3::zeros(),
             R_IB: UnitQuaternion::identity(),

@@ -9,6 +9,8 @@ use super::{
 };
 use crate::model::Model;
 use crate::spatial::Twist;
+#[cfg(feature = "batch")]
+use crate::{dynamics::Tableau, spatial::Wrench};
 
 /// One free-floating tree with its state and scratch memory: a robot, or a target (a tree without joints).
 ///
@@ -177,6 +179,21 @@ impl Floating {
     pub(super) fn change_state_with(&mut self, change: impl FnOnce(&mut State, &mut Workspace)) {
         change(&mut self.state, &mut self.workspace);
         self.refresh();
+    }
+
+    /// The tableau of its steps, if lanes compute the same; `None` with closed loops, damping or friction in the
+    /// joints, mimic joints, another formulation, or wrenches.
+    #[cfg(feature = "batch")]
+    pub(super) fn lane_tableau(&self) -> Option<&'static Tableau> {
+        let has_wrench = self.input.wrenches.iter().any(|w| *w != Wrench::ZERO);
+        let tableau = self.integrator.lane_tableau()?;
+        (!has_wrench && !self.model().has_mimics()).then_some(tableau)
+    }
+
+    /// As [`Integrator::is_free`].
+    #[cfg(feature = "batch")]
+    pub(super) fn is_free(&self, start: (&[f64], &[f64]), end: (&[f64], &[f64]), dt: f64) -> bool {
+        self.integrator.is_free(start, end, dt)
     }
 
     /// Advances by `steps` steps of `dt` \[s\] under the held input.

@@ -154,6 +154,16 @@ impl Integrator {
         (self.stepper.as_ref()).is_none_or(|stepper| stepper.is_free(start, end, dt))
     }
 
+    /// The tableau, if lanes compute the same steps, up to those in which a joint reaches a limit.
+    #[cfg(feature = "batch")]
+    pub(super) fn lane_tableau(&self) -> Option<&'static Tableau> {
+        let equations = &self.equations;
+        let is_default = matches!(equations.formulation, ForwardDynamics::ArticulatedBody(_));
+        let is_tree = equations.loops.closures().is_empty();
+        let is_explicit = self.joint_steps() != JointSteps::Always;
+        (is_default && is_tree && is_explicit).then_some(self.tableau)
+    }
+
     /// Accelerations of the last evaluation.
     pub(super) fn accelerations(&self) -> &TreeAcceleration {
         &self.equations.evaluation.acceleration

@@ -84,7 +84,7 @@ mod workspace;
 
 pub use articulated_body::ArticulatedBody;
 #[cfg(feature = "batch")]
-pub use batch::{Batch, EffortRows};
+pub use batch::{Batch, EffortRows, Together};
 pub use floating::Floating;
 pub use formulation::{
     Evaluation, Formulation, FormulationKind, ForwardDynamics, TreeAcceleration, TreeMotion,

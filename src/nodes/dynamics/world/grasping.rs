@@ -69,6 +69,11 @@ impl Grasping {
 }
 
 impl Grasps {
+    /// Whether there are none.
+    pub fn are_none(&self) -> bool {
+        self.all.is_empty()
+    }
+
     /// The grasps that the parameters describe.
     ///
     /// # Errors

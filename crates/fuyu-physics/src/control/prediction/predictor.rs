@@ -1,5 +1,7 @@
 //! Extrapolation from the last camera frame to the present.
 
+use std::collections::VecDeque;
+
 use nalgebra::Vector3;
 
 use super::{BaseMotion, BaseState, GoalMotion, GoalMotionConfig};
@@ -55,12 +57,28 @@ impl TipPrediction {
 /// which are constant.
 const AVERAGING_TIME: f64 = 10.0;
 
+/// Frames that may wait to be evaluated: 10 s at 100 Hz, longer than the filter of the goal's motion remembers.
+const MAX_WAITING: usize = 1000;
+
 /// Extrapolates camera measurements of one tip and its goal to the present.
+///
+/// Frames are evaluated when a prediction is asked for. Without any they only wait, which costs a small part of it, and
+/// the first prediction evaluates those of the last seconds.
 #[derive(Debug, Clone)]
 pub(in crate::control) struct Predictor {
     base: BaseMotion,
     goal: GoalMotion,
     last: Option<LastFrame>,
+    /// Frames that were not evaluated yet, oldest first.
+    waiting: VecDeque<Frame>,
+}
+
+/// A camera frame.
+#[derive(Debug, Clone, Copy)]
+struct Frame {
+    time: f64,
+    X_BE: Pose,
+    X_BD: Pose,
 }
 
 /// The last camera frame.
@@ -81,11 +99,13 @@ impl Predictor {
             base: BaseMotion::default(),
             goal: GoalMotion::new(config),
             last: None,
+            waiting: VecDeque::with_capacity(MAX_WAITING),
         }
     }
 
     /// Changes the noise of the sensor and the smoothness of the goal's motion from now on.
     pub fn set_config(&mut self, config: GoalMotionConfig) {
+        self.evaluate_waiting();
         self.goal.set_config(config);
     }
 
@@ -95,15 +115,36 @@ impl Predictor {
             // The estimates refer to the previous frame I.
             self.goal.clear();
             self.last = None;
+            self.waiting.clear();
         }
     }
 
     /// Adds a camera frame that was exposed at `time` \[s\]. Frames must come in the order of time; one from
     /// before the first joint state is dropped.
     pub fn add_frame(&mut self, time: f64, X_BE: &Pose, X_BD: &Pose) {
-        if self.last.is_some_and(|last| time <= last.time) {
+        let waiting = self.waiting.back().map(|frame| frame.time);
+        let last = waiting.or(self.last.map(|last| last.time));
+        if last.is_some_and(|last| time <= last) {
             return;
         }
+        if self.waiting.len() == MAX_WAITING {
+            self.waiting.pop_front();
+        }
+        self.waiting.push_back(Frame {
+            time,
+            X_BE: *X_BE,
+            X_BD: *X_BD,
+        });
+    }
+
+    fn evaluate_waiting(&mut self) {
+        while let Some(frame) = self.waiting.pop_front() {
+            self.evaluate(&frame);
+        }
+    }
+
+    fn evaluate(&mut self, Frame { time, X_BE, X_BD }: &Frame) {
+        let time = *time;
         let Some(then) = self.base.at(time) else {
             return;
         };
@@ -127,6 +168,7 @@ impl Predictor {
     /// Adds the goal's angular velocity `w_ID_B` \[rad/s\] at `time` \[s\], in base axes of that time, from an
     /// external estimator.
     pub fn add_rate(&mut self, time: f64, w_ID_B: &Vector3<f64>) {
+        self.evaluate_waiting();
         if let Some(then) = self.base.at(time) {
             self.goal.add_rate(time, &(then.R_IB * w_ID_B));
         }
@@ -139,7 +181,8 @@ impl Predictor {
 
     /// Tip and goal at the present, the goal at rest relative to the system's centre of mass or with its estimated
     /// motion. `None` before the first frame.
-    pub fn predict(&self, prediction: Prediction) -> Option<TipPrediction> {
+    pub fn predict(&mut self, prediction: Prediction) -> Option<TipPrediction> {
+        self.evaluate_waiting();
         let (now, frame) = (self.base.last()?, self.last.as_ref()?);
         let X_BI = now.X_IB().inverse();
         let X_BE = now.X_BE * frame.X_EE;

@@ -4,6 +4,7 @@ mod block;
 mod joints;
 mod lanes;
 mod rows;
+mod together;
 
 use std::any::Any;
 use std::sync::Arc;
@@ -15,6 +16,7 @@ use self::block::{Block, put, read};
 use self::joints::JointScratch;
 use self::lanes::LaneStepper;
 pub use self::rows::EffortRows;
+pub use self::together::Together;
 use super::joint_physics::JointSteps;
 use super::kernel::{GROUP_SIZE, Tree};
 use super::{IntegrationMethod, JointPhysics, State, Tableau, checks};
@@ -386,22 +388,25 @@ impl WithSimd for Run<'_, '_> {
         } = self.piece;
         // Apart from the scratch of the joints' steps.
         let stepper = Scratch::stepper(&mut scratch.stepper, simd, setup);
+        // Step by step, if joints may reach limits.
+        let (part, parts) = match (task, &scratch.joints) {
+            (Task::Step { dt, steps }, Some(_)) => (Task::Step { dt, steps: 1 }, steps),
+            _ => (task, 1),
+        };
         for (b, block) in blocks.iter_mut().enumerate() {
             let index = b * GROUP_SIZE;
-            let mut run = |block: &mut Block, task: Task, forced: &mut Option<Forced>| {
+            for _ in 0..parts {
+                if let Some(joints) = &mut scratch.joints {
+                    joints.before.copy_states(block);
+                }
+                // The only call, and not from a closure: otherwise it would be compiled without the processor's
+                // instructions.
                 for first in (0..GROUP_SIZE).step_by(S::F64_LANES) {
-                    stepper.run(setup, block, (first, index), task, forced);
+                    stepper.run(setup, block, (first, index), part, &mut self.forced);
                 }
-            };
-            match (task, &mut scratch.joints) {
-                (Task::Step { dt, steps }, Some(joints)) => {
-                    for _ in 0..steps {
-                        joints.before.copy_states(block);
-                        run(block, Task::Step { dt, steps: 1 }, &mut self.forced);
-                        joints.correct(block, index, dt, &mut self.forced);
-                    }
+                if let (Some(joints), Task::Step { dt, .. }) = (&mut scratch.joints, part) {
+                    joints.correct(block, index, dt, &mut self.forced);
                 }
-                _ => run(block, task, &mut self.forced),
             }
         }
     }

@@ -1,0 +1,133 @@
+//! Several runs at the same time in one thread: what their plants have in common is computed in SIMD lanes.
+
+use super::{
+    Fleet,
+    simulation::{Observed, Stop, answer, is_over},
+};
+use crate::{dynamics::Together, nodes::dynamics::HeldTick, vision::PoseFrame};
+
+/// A run.
+struct Run<'a> {
+    fleet: &'a mut Fleet,
+    duration: f64,
+    observed: Vec<Observed>,
+    /// How it has ended.
+    end: Option<Result<(), Stop>>,
+    /// The steps of this tick that are computed together.
+    tick: Option<HeldTick>,
+    /// Whether its robot can be stepped together with others.
+    fits: bool,
+}
+
+impl Run<'_> {
+    fn is_running(&self) -> bool {
+        self.end.is_none()
+    }
+
+    /// Answers the present state, and ends if it is the last one.
+    fn answer(
+        &mut self,
+        frames: &mut Vec<PoseFrame>,
+        watch: impl FnOnce(&Fleet, &[Observed]) -> Result<(), Stop>,
+    ) {
+        let answered = answer(self.fleet, &mut self.observed, frames, None);
+        let seen = answered.and_then(|()| watch(self.fleet, &self.observed));
+        match seen {
+            Ok(()) if !is_over(self.fleet, self.duration) => {}
+            end => self.end = Some(end),
+        }
+    }
+
+    /// Begins the next tick, or computes it.
+    fn begin_tick(&mut self) {
+        let robot = self.fleet.only_robot().filter(|_| self.fits);
+        self.tick = robot.and_then(|robot| robot.world.begin_held_tick());
+        if self.tick.is_none()
+            && let Err(problem) = self.fleet.advance()
+        {
+            self.end = Some(Err(problem.into()));
+        }
+    }
+
+    /// Ends a tick that was computed together.
+    fn finish_tick(&mut self) {
+        if self.tick.take().is_none() {
+            return;
+        }
+        if let Some(robot) = self.fleet.only_robot() {
+            robot.world.finish_held_tick();
+            if let Err(problem) = robot.check() {
+                self.end = Some(Err(problem.into()));
+            }
+        }
+    }
+}
+
+/// Simulates each fleet up to its duration \[s\], the last state included, as [`simulate`](super::simulation::simulate)
+/// does, with the same results to the bit. `watch` sees every state of each, which it is told by number.
+pub fn simulate_together(
+    fleets: &mut [(Fleet, f64)],
+    mut watch: impl FnMut(usize, &Fleet, &[Observed]) -> Result<(), Stop>,
+) -> Vec<Result<Vec<Observed>, Stop>> {
+    let mut lanes = None;
+    let runs = fleets.iter_mut().map(|(fleet, duration)| Run {
+        observed: Observed::all(fleet),
+        duration: *duration,
+        end: None,
+        tick: None,
+        fits: fits(&mut lanes, fleet),
+        fleet,
+    });
+    let mut runs: Vec<_> = runs.collect();
+    let mut frames = Vec::new();
+    while runs.iter().any(Run::is_running) {
+        for (i, run) in runs.iter_mut().enumerate().filter(|(_, r)| r.is_running()) {
+            run.answer(&mut frames, |fleet, observed| watch(i, fleet, observed));
+        }
+        for run in runs.iter_mut().filter(|run| run.is_running()) {
+            run.begin_tick();
+        }
+        step_together(&mut lanes, &mut runs);
+        runs.iter_mut().for_each(Run::finish_tick);
+    }
+    let ends = runs.into_iter().map(|run| {
+        let end = run.end.unwrap_or(Ok(()));
+        end.map(|()| run.observed)
+    });
+    ends.collect()
+}
+
+/// Whether the robot of `fleet` can be stepped in `lanes`, which are made for the first one that can.
+fn fits(lanes: &mut Option<Together>, fleet: &mut Fleet) -> bool {
+    let Some(robot) = fleet.only_robot() else {
+        return false;
+    };
+    let Some(robot) = robot.world.held_robot() else {
+        return false;
+    };
+    if lanes.is_none() {
+        *lanes = Together::new(robot);
+    }
+    (lanes.as_ref()).is_some_and(|lanes| lanes.fits(robot))
+}
+
+/// Takes the steps of all ticks that have begun.
+fn step_together(lanes: &mut Option<Together>, runs: &mut [Run]) {
+    let Some(lanes) = lanes else { return };
+    let mut rest: Vec<_> = runs
+        .iter_mut()
+        .filter_map(|run| {
+            let tick = run.tick?;
+            Some((tick, run.fleet.only_robot()?.world.held_robot()?))
+        })
+        .collect();
+    // Almost always all have the same steps.
+    while let Some((first, _)) = rest.first() {
+        let first = *first;
+        let (same, others): (Vec<_>, Vec<_>) =
+            (rest.into_iter()).partition(|(tick, _)| *tick == first);
+        let mut robots: Vec<_> = same.into_iter().map(|(_, robot)| robot).collect();
+        lanes.step(&mut robots, first.dt, first.steps);
+        rest = others;
+    }
+}

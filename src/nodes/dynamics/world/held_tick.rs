@@ -1,0 +1,43 @@
+//! Ticks in which nothing happens but that a rigid robot moves under held efforts: their steps may be computed
+//! elsewhere, together with those of other worlds.
+
+use super::World;
+use crate::dynamics::Floating;
+
+/// The integration steps of a tick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeldTick {
+    /// Length of a step \[s\].
+    pub dt: f64,
+    /// Number of steps.
+    pub steps: usize,
+}
+
+impl World {
+    /// Begins the next tick, if nothing happens in it but steps of a rigid robot, without targets, contacts, wrenches
+    /// and servos. Time has advanced then; [`World::held_robot`] must be stepped, and [`World::finish_held_tick`]
+    /// called. Otherwise nothing has changed: [`World::step_to_tick`] is for all ticks.
+    pub fn begin_held_tick(&mut self) -> Option<HeldTick> {
+        let is_alone = self.targets.is_empty() && self.contacts.is_none() && self.grasps.are_none();
+        let is_left = self.wrenches.are_none() && !self.time.is_between_ticks();
+        if !is_alone || !is_left || self.robot.rigid().is_none() {
+            return None;
+        }
+        let seconds = self.time.period();
+        let (dt, steps) = (self.drive).begin_held(&self.robot, seconds, self.time_step)?;
+        self.time.advance_to_tick();
+        self.backup.save(&self.robot);
+        self.wrenches.save_change();
+        Some(HeldTick { dt, steps })
+    }
+
+    /// The robot to step; `None` if it has flexible parts.
+    pub fn held_robot(&mut self) -> Option<&mut Floating> {
+        Some(self.robot.rigid_mut()?.own_mut())
+    }
+
+    /// Ends a tick of [`World::begin_held_tick`].
+    pub fn finish_held_tick(&mut self) {
+        self.finish_tick();
+    }
+}
