@@ -177,33 +177,6 @@ mod tests {
         assert_as_alone(&limited);
     }
 
-    // Lanes that the compiler does not compile for the processor's registers, such as those in a closure, are several
-    // times slower than single steps; otherwise they take a fraction. The median of rounds, since machines are busy.
-    #[cfg(target_arch = "x86_64")]
-    #[test]
-    #[cfg_attr(debug_assertions, ignore = "lanes are for optimised builds")]
-    fn lanes_are_faster_than_single_steps() {
-        if !std::arch::is_x86_feature_detected!("avx2") {
-            return;
-        }
-        let urdf = include_str!("../../../../../urdf/servicer.urdf");
-        let (mut all, mut alone) = (robots(urdf, GROUP_SIZE), robots(urdf, GROUP_SIZE));
-        let mut together = Together::new(&all[0]).unwrap();
-        let mut rounds: Vec<_> = (0..21)
-            .map(|_| {
-                let start = std::time::Instant::now();
-                let mut group: Vec<_> = all.iter_mut().collect();
-                together.step(&mut group, 0.001, 50);
-                let in_lanes = start.elapsed().as_secs_f64();
-                let start = std::time::Instant::now();
-                alone.iter_mut().for_each(|robot| robot.step(0.001, 50));
-                in_lanes / start.elapsed().as_secs_f64()
-            })
-            .collect();
-        rounds.sort_by(f64::total_cmp);
-        assert!(rounds[10] < 0.8, "{rounds:?}");
-    }
-
     #[test]
     fn robots_that_are_not_stepped_in_lanes_are_refused() {
         let urdf = include_str!("../../../../../urdf/servicer.urdf");
