@@ -147,7 +147,7 @@ impl WireWriter for ReplyWriter {
             gid: question.writer,
         };
         let reply = query.reply(&self.key, cdr);
-        let sent = reply.attachment(&attachment.encode()).wait();
+        let sent = reply.attachment(attachment.encode()).wait();
         sent.ok()?;
         Some(question)
     }
@@ -258,7 +258,7 @@ impl WireWriter for RequestWriter {
         let (service, replies) = (self.service.clone(), Arc::clone(&self.replies));
         let graph = Arc::clone(&self.graph);
         let query = self.querier.get().payload(cdr);
-        let query = query.attachment(&attachment.encode());
+        let query = query.attachment(attachment.encode());
         let sent = query.callback(move |reply| match reply.result() {
             Ok(sample) => replies.receive(&service, sample, &graph),
             Err(e) => {

@@ -107,7 +107,7 @@ impl WireWriter for TopicWriter {
             source_time: published,
             gid: self.gid,
         };
-        let put = self.publisher.put(cdr).attachment(&attachment.encode());
+        let put = self.publisher.put(cdr).attachment(attachment.encode());
         put.wait().ok()?;
         *number += 1;
         Some(SampleIdentity {
