@@ -33,9 +33,12 @@ const END_OF_PARAMETERS: u16 = 0x0001;
 
 /// Bytes of a datagram of rustdds that are not payload.
 const AROUND_PAYLOAD: usize = 80;
-/// What rustdds sends in one datagram over loopback, and what to a peer that also listens elsewhere \[bytes\].
+/// What rustdds sends in one datagram over loopback \[bytes\].
 const LOOPBACK: usize = 65_488;
-const ELSEWHERE: usize = 1_452;
+/// Headers of a datagram that rustdds subtracts from the MTU of an interface, and the MTU that it assumes for peers behind
+/// a router \[bytes\].
+const DATAGRAM_HEADERS: usize = 48;
+const ETHERNET: usize = 1_500;
 
 /// Bytes of a sample in one datagram; with all headers it fits into an Ethernet frame.
 const FRAGMENT: u16 = 1024;
@@ -45,10 +48,21 @@ const BURST: usize = 64;
 /// Pause after them.
 const PAUSE: Duration = Duration::from_millis(2);
 
+/// The smallest MTU of this computer's interfaces, at most that of Ethernet \[bytes\]. Tunnels and networks of clouds have
+/// smaller ones than Ethernet.
+fn smallest_mtu() -> usize {
+    let interfaces = std::fs::read_dir("/sys/class/net").into_iter().flatten();
+    let texts = interfaces.filter_map(|i| std::fs::read_to_string(i.ok()?.path().join("mtu")).ok());
+    let mtus = texts.filter_map(|text| text.trim().parse().ok());
+    mtus.fold(ETHERNET, usize::min)
+}
+
 /// Sends RTPS messages to peers of a participant from a separate socket.
 pub(super) struct RtpsSender {
     participant: DomainParticipant,
     socket: UdpSocket,
+    /// What rustdds sends in one datagram to any peer that also listens elsewhere than on loopback \[bytes\].
+    elsewhere: usize,
 }
 
 impl RtpsSender {
@@ -72,6 +86,7 @@ impl RtpsSender {
         Ok(Self {
             participant,
             socket,
+            elsewhere: smallest_mtu().saturating_sub(DATAGRAM_HEADERS),
         })
     }
 
@@ -100,7 +115,7 @@ impl RtpsSender {
     /// Whether rustdds cannot send a reply of this length \[bytes\] to all readers of a topic: it spoils the inline QoS,
     /// which names the request, of samples that need more than one datagram. It sends the same datagrams to all readers.
     pub(super) fn must_send(&self, dds_topic: &str, length: usize) -> bool {
-        if length <= ELSEWHERE - AROUND_PAYLOAD {
+        if length + AROUND_PAYLOAD <= self.elsewhere {
             return false;
         }
         let readers = self.participant.discovered_readers();
