@@ -53,14 +53,6 @@ impl Namespace {
         Ok(())
     }
 
-    /// Sets the largest packet of the interface of [`Self::add_wire`] \[bytes\].
-    ///
-    /// # Errors
-    /// What `ip` says.
-    pub fn set_mtu(&self, bytes: u32) -> Result<(), String> {
-        self.ip(&["link", "set", "wire0", "mtu", &bytes.to_string()])
-    }
-
     /// How many packets an interface inside has sent.
     pub fn sent_packets(&self, interface: &str) -> u64 {
         let path = format!("/sys/class/net/{interface}/statistics/tx_packets");
