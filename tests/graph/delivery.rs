@@ -178,3 +178,64 @@ fn blocked_receiver(over_dds: bool) {
         &all[..all.len().min(80)]
     );
 }
+
+// Would break without acknowledgements for the listener: rustdds waits for it, and the observer gets 8192 messages only.
+// The late listener has acknowledged none of those.
+#[test]
+fn subscriptions_of_the_publishers_process_hold_up_no_other_process() {
+    const MESSAGES: usize = 20_000;
+    let domain = 57;
+    let (mut here, mut there) = (process(domain, false), process(domain, false));
+    let (came, all) = mpsc::channel();
+    there
+        .start("observer", move |node: &Node| {
+            let echo = node.advertise::<Text>("echo", Qos::RELIABLE)?;
+            let stream = node.subscribe::<Text>("stream", DEEP)?;
+            while node.ok() {
+                node.wait_for(Duration::from_millis(100));
+                while let Some(n) = stream.take().map(|r| number(&r.message)) {
+                    if n % 100 == 0 {
+                        echo.publish(&text(n));
+                    }
+                    let _ = came.send(n);
+                }
+            }
+            Ok(())
+        })
+        .unwrap();
+    here.start("listener", move |node: &Node| {
+        let _stream = node.subscribe::<Text>("stream", DEEP)?;
+        while node.wait() {}
+        Ok(())
+    })
+    .unwrap();
+    here.start("publisher", move |node: &Node| {
+        let stream = node.advertise::<Text>("stream", Qos::RELIABLE)?;
+        let echo = node.subscribe::<Text>("echo", DEEP)?;
+        meet(node, &[&stream], &echo)?;
+        let mut late = None;
+        for n in 1..=MESSAGES {
+            stream.publish(&text(n));
+            if n == MESSAGES / 2 {
+                late = Some(node.subscribe::<Text>("stream", Qos::RELIABLE.depth(20))?);
+            }
+            // Not faster than the observer.
+            let mut echoed = n % 100;
+            while n % 100 == 0 && echoed < n {
+                let answer = echo.wait_next(PATIENCE);
+                let answer = answer.ok_or(NodeError::Failed(format!("no answer to {n}")))?;
+                echoed = number(&answer.message);
+            }
+        }
+        assert!(late.is_some_and(|late| late.take().is_some()));
+        while node.wait() {}
+        Ok(())
+    })
+    .unwrap();
+    let all = std::iter::from_fn(|| all.recv_timeout(PATIENCE).ok());
+    let received: Vec<_> = all.skip_while(|n| *n == 0).take(MESSAGES).collect();
+    here.finish().unwrap();
+    there.finish().unwrap();
+    let expected: Vec<_> = (1..=MESSAGES).collect();
+    assert!(received == expected, "{} messages", received.len());
+}

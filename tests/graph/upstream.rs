@@ -235,6 +235,25 @@ fn a_reader_that_died_holds_up_the_writer() {
     assert!(blocked.is_some(), "nothing holds the writer up");
 }
 
+#[test]
+fn a_reader_of_the_same_participant_holds_up_the_writer() {
+    let domain = 56;
+    let _claim = DomainClaim::new(domain);
+    let (ours, other) = (participant(domain), participant(domain));
+    let (writer, mut theirs, _own) = (writer(&ours), reader(&other), reader(&ours));
+    connect(&writer, &mut theirs);
+    let mut received = 0;
+    let blocked = (0..20_000).find(|_| {
+        let is_blocked = writer.write(vec![0; 5], None).is_err();
+        let patience = if is_blocked { SILENCE } else { PATIENCE };
+        received += usize::from(length(&mut theirs, patience).is_some());
+        is_blocked
+    });
+    println!("blocked at sample {blocked:?}, {received} received");
+    let blocked = blocked.expect("nothing holds the writer up");
+    assert_eq!(received, blocked, "the other participant has all others");
+}
+
 /// Threads of rustdds in this process.
 fn threads_of_rustdds() -> usize {
     let names = fs::read_dir("/proc/self/task").unwrap().filter_map(|task| {

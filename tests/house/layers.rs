@@ -2,9 +2,12 @@
 //! standard library that the physics may use, and the dependencies of the packages. The compiler enforces the layers
 //! between packages.
 
-use std::{collections::BTreeSet, process::Command};
+use std::collections::BTreeSet;
 
-use crate::sources::{PACKAGES, root, rust_files, sources};
+use crate::{
+    cargo_tree::cargo_tree,
+    sources::{PACKAGES, root, rust_files, sources},
+};
 
 /// A module and the modules that it may use.
 type Layer = (&'static str, &'static [&'static str]);
@@ -200,16 +203,8 @@ fn physics_uses_no_files_environment_network_processes_or_threads() {
 
 /// Names of the crates that a package depends on, directly or indirectly.
 fn dependencies(package: &str) -> BTreeSet<String> {
-    let output = Command::new(env!("CARGO"))
-        .args(["tree", "--offline", "--locked", "--edges", "normal"])
-        .args(["--prefix", "none", "--format", "{p}", "--package", package])
-        .current_dir(root())
-        .output()
-        .expect("cargo can be started");
-    let log = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "cargo tree: {log}");
-    let tree = String::from_utf8(output.stdout).expect("cargo tree prints text");
-    let names = tree.lines().filter_map(|line| line.split(' ').next());
+    let tree = cargo_tree(&["--edges", "normal", "--format", "{p}", "--package", package]);
+    let names = tree.iter().filter_map(|line| line.split(' ').next());
     names.map(str::to_owned).collect()
 }
 

@@ -5,6 +5,7 @@
 #[expect(dead_code, reason = "no script is given an input here")]
 mod python;
 
+mod cargo_tree;
 mod documents;
 #[cfg(feature = "ros")]
 mod first_hour;

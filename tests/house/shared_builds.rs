@@ -1,26 +1,15 @@
 //! `cargo run`, `cargo test` and the wheel of the Python package share what is compiled: they select the same features of
 //! every dependency.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    process::Command,
-};
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::cargo_tree::cargo_tree;
 
 /// Dependencies with their features. One may be there twice: for the program, and for macros.
 fn features(args: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
-    let mut command = Command::new(env!("CARGO"));
-    command
-        .args(["tree", "--locked", "--offline", "--no-dedupe"])
-        .args(["--prefix", "none", "--format", "{p}|{f}"])
-        .args(args)
-        .current_dir(env!("CARGO_MANIFEST_DIR"));
-    let output = command.output().expect("cargo can be started");
-    let log = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "cargo tree: {log}");
-    let tree = String::from_utf8(output.stdout).expect("cargo tree prints text");
     let mut found = BTreeMap::<String, BTreeSet<String>>::new();
-    for line in tree.lines() {
-        let (package, features) = line.split_once('|').unwrap_or((line, ""));
+    for line in cargo_tree(&[&["--no-dedupe", "--format", "{p}|{f}"], args].concat()) {
+        let (package, features) = line.split_once('|').unwrap_or((&line, ""));
         // `name v1.2.3`, without where a path dependency is.
         let name = package.split(' ').take(2).collect::<Vec<_>>().join(" ");
         let entry = found.entry(name).or_default();

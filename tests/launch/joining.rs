@@ -5,7 +5,10 @@ use std::{process::Command, time::Instant};
 
 use crate::{
     lateness::repeat_if_late,
-    observer::{DIAGNOSTICS, JOINT_STATE, ODOMETRY, POSE, fresh, numbers, tip_in_world, watch_tip},
+    observer::{
+        DIAGNOSTICS, JOINT_STATE, ODOMETRY, POSE, following, fresh, now, numbers, tip_in_world,
+        watch_tip,
+    },
     peer::Peer,
     process::{GENTLE, Running, source},
     waiting::{PATIENCE, eventually},
@@ -308,8 +311,9 @@ fn the_tip_goes_where_rclpy_says() {
         peer.does(json!({"do": "publish", "topic": "goal_pose", "type": POSE, "message": message}));
         // The node's own measurement over a second: a machine under load does not always allow a factor of two,
         // a node that does not know its parameter never reaches it.
+        let mut begin = now();
         eventually("twice as fast as real time", PATIENCE, || {
-            let reports = fresh(&mut peer, "diagnostics", 1);
+            let reports = following(&mut peer, "diagnostics", &mut begin);
             let mut statuses = reports.iter().flat_map(|r| r["status"].as_array().unwrap());
             let time = statuses.find(|s| s["name"] == "dynamics: time")?;
             let mut values = time["values"].as_array().unwrap().iter();

@@ -202,10 +202,7 @@ impl<'a> Worker<'a> {
         else {
             return Ok(Vec::new());
         };
-        let mut worker = match process.take() {
-            Some(worker) => worker,
-            None => WorkerProcess::start(command, folder)?,
-        };
+        let mut worker = WorkerProcess::idle_or_new(process, command, folder)?;
         let mut rows = Vec::new();
         // It looks at the time itself, and begins again with each run alone.
         let limit = 2.2 * campaign.time_limit() + 10.0;
@@ -237,10 +234,7 @@ impl<'a> Worker<'a> {
             if attempt > 0 {
                 thread::sleep(Duration::from_millis(200));
             }
-            let mut worker = match process.take() {
-                Some(worker) => worker,
-                None => WorkerProcess::start(command, folder)?,
-            };
+            let mut worker = WorkerProcess::idle_or_new(process, command, folder)?;
             let start = Instant::now();
             // A process looks at the time itself after every state. This is for one that does not return.
             let limit = 1.1 * campaign.time_limit() + 5.0;
@@ -286,6 +280,18 @@ struct WorkerProcess {
 }
 
 impl WorkerProcess {
+    /// The process that waits for work, or a new one.
+    fn idle_or_new(
+        idle: &mut Option<Self>,
+        command: &[OsString],
+        folder: &Path,
+    ) -> Result<Self, CampaignError> {
+        match idle.take() {
+            Some(worker) => Ok(worker),
+            None => Self::start(command, folder),
+        }
+    }
+
     fn start(command: &[OsString], folder: &Path) -> Result<Self, CampaignError> {
         let Some((executable, arguments)) = command.split_first() else {
             let empty = "the command of the workers is empty".to_owned();

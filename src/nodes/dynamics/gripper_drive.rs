@@ -21,11 +21,12 @@ pub struct GripperDrive {
 }
 
 impl GripperDrive {
-    /// The drive of a robot's gripper, which holds its position at the start.
+    /// The drive of a robot's gripper, which holds its position at the start. `rigid` is the robot with deformable bodies
+    /// undeformed.
     ///
     /// # Errors
     /// A line that names the parameter and the joints that there are.
-    pub fn new(params: &GripperParams, robot: &Robot) -> Result<Self, String> {
+    pub fn new(params: &GripperParams, robot: &Robot, rigid: &Model) -> Result<Self, String> {
         let model = robot.model();
         let name = &params.name;
         let Some(joint) = model.joint_index(&params.joint) else {
@@ -44,7 +45,7 @@ impl GripperDrive {
         let limits = &model.joints()[joint].limits;
         let q = robot.state().q[joint];
         let config = GripperServoConfig {
-            inertia: moved_inertia(&robot.rigid_model(), robot, joint),
+            inertia: moved_inertia(rigid, robot, joint),
             damping: model.joints()[joint].damping,
             bandwidth: params.bandwidth,
             positions: [limits.lower, limits.upper],
@@ -94,12 +95,7 @@ impl GripperDrive {
             && !self.has_closed
         {
             self.has_closed = true;
-            let goal = GripperGoal {
-                position,
-                max_effort: f64::INFINITY,
-                max_rate: f64::INFINITY,
-            };
-            self.set_goal(robot, goal);
+            self.set_goal(robot, GripperGoal::at(position));
         }
     }
 

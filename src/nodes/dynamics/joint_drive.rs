@@ -95,7 +95,7 @@ impl JointDrive {
             .map_err(|e| format!("parameter velocity_servo.{e}"))?;
         let fastest = servo.max_bandwidth(&model, &robot.state().q);
         let n = model.dof();
-        let grippers = grippers.iter().map(|g| GripperDrive::new(g, robot));
+        let grippers = grippers.iter().map(|g| GripperDrive::new(g, robot, &model));
         let grippers = grippers.collect::<Result<Vec<_>, _>>()?;
         let mut kinds = vec![Kind::Effort; n];
         for gripper in &grippers {
@@ -387,8 +387,8 @@ impl JointDrive {
         }
     }
 
-    /// If all joints hold their efforts, and there are no grippers: counts these for `seconds`, and returns length \[s\] and number of the
-    /// integration steps of at most `time_step` \[s\].
+    /// If all joints hold their efforts, and there are no grippers: counts these for `seconds`, and returns length \[s\] and
+    /// number of the integration steps of at most `time_step` \[s\].
     pub fn begin_held(
         &mut self,
         robot: &Robot,

@@ -1,9 +1,8 @@
 //! Loop closures as parameters: URDF, which is a tree, cannot describe them.
 
-use std::collections::BTreeSet;
-
 use nalgebra::{Rotation3, Translation3};
 
+use super::params::names::declare_each;
 use crate::{
     dynamics::{Direction, LoopClosure, LoopError, Loops},
     model::{Frame, Model},
@@ -40,24 +39,8 @@ impl LoopParams {
     /// # Errors
     /// A line that names a required parameter that is not given, or a closure that is given twice.
     pub fn declare(declare: &mut Declare) -> Result<Vec<Self>, String> {
-        let names = declare
-            .param(
-                "loop_closures",
-                Vec::<String>::new(),
-                "Names of the closures that close loops in the robot's tree",
-            )
-            .read_only()
-            .value();
-        let mut known = BTreeSet::new();
-        let (once, twice): (Vec<_>, Vec<_>) =
-            (names.into_iter()).partition(|n| known.insert(n.clone()));
-        // All are declared before the first error, so that no parameter is reported as unknown.
-        let closures: Vec<_> = (once.into_iter())
-            .map(|name| Self::declare_one(declare, name))
-            .collect();
-        if let Some(name) = twice.first() {
-            return Err(format!("parameter loop_closures: '{name}' is given twice"));
-        }
+        let description = "Names of the closures that close loops in the robot's tree";
+        let closures = declare_each(declare, "loop_closures", description, Self::declare_one)?;
         closures.into_iter().collect()
     }
 

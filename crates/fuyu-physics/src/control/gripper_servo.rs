@@ -28,6 +28,17 @@ pub struct GripperGoal {
     pub max_rate: f64,
 }
 
+impl GripperGoal {
+    /// A goal at `position` \[m or rad\] with the limits of the servo.
+    pub fn at(position: f64) -> Self {
+        Self {
+            position,
+            max_effort: f64::INFINITY,
+            max_rate: f64::INFINITY,
+        }
+    }
+}
+
 /// A cascade of a proportional servo of position and a proportional-integral servo of rate:
 ///
 /// ```text
@@ -51,11 +62,7 @@ impl GripperServo {
     pub fn new(config: GripperServoConfig, position: f64) -> Self {
         let mut servo = Self {
             config,
-            goal: GripperGoal {
-                position,
-                max_effort: f64::INFINITY,
-                max_rate: f64::INFINITY,
-            },
+            goal: GripperGoal::at(position),
             integral: 0.0,
         };
         servo.set_goal(servo.goal, position);
@@ -184,9 +191,8 @@ mod tests {
 
     fn goal(position: f64, max_effort: f64) -> GripperGoal {
         GripperGoal {
-            position,
             max_effort,
-            max_rate: f64::INFINITY,
+            ..GripperGoal::at(position)
         }
     }
 
@@ -266,25 +272,15 @@ mod tests {
     #[test]
     fn a_gripper_that_does_not_move_stalls_after_a_while() {
         let mut monitor = GripperMonitor::new(0.001, 0.001, 1.0, 0.0);
-        assert_eq!(
-            monitor.progress(0.5, 0.05, 0.0, 0.0),
-            GripperProgress::Moving
-        );
-        assert_eq!(
-            monitor.progress(0.9, 0.05, 0.0, 0.02),
-            GripperProgress::Moving
-        );
-        assert_eq!(
-            monitor.progress(1.8, 0.05, 0.03, 0.0),
-            GripperProgress::Moving
-        );
-        assert_eq!(
-            monitor.progress(2.0, 0.05, 0.03, 0.0),
-            GripperProgress::Stalled
-        );
-        assert_eq!(
-            monitor.progress(1.9, 0.05, 0.0495, 0.0),
-            GripperProgress::Reached
-        );
+        for (time, q, qd, expected) in [
+            (0.5, 0.0, 0.0, GripperProgress::Moving),
+            (0.9, 0.0, 0.02, GripperProgress::Moving),
+            (1.8, 0.03, 0.0, GripperProgress::Moving),
+            (2.0, 0.03, 0.0, GripperProgress::Stalled),
+            (1.9, 0.0495, 0.0, GripperProgress::Reached),
+        ] {
+            let progress = monitor.progress(time, 0.05, q, qd);
+            assert_eq!(progress, expected, "at {time} s");
+        }
     }
 }

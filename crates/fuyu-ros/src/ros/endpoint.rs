@@ -1,6 +1,9 @@
 //! Publishers and subscriptions below their handles; they outlive a DDS participant.
 
-use rustdds::{GUID, RTPSEntity, SequenceNumber, bytes::Bytes, rpc::SampleIdentity};
+use rustdds::{
+    GUID, RTPSEntity, SequenceNumber, WriteOptions, bytes::Bytes, dds::WriteError,
+    rpc::SampleIdentity,
+};
 use std::{
     collections::VecDeque,
     sync::{
@@ -205,7 +208,7 @@ pub(super) struct Writer {
     dds: RwLock<Option<Arc<RawWriter>>>,
     /// GID of the DDS writer, also while it is being replaced; until there is one, a GID that no other writer has.
     identity: RwLock<Gid>,
-    /// Sends replies that rustdds cannot send.
+    /// Sends what rustdds does not.
     rtps: RwLock<Option<Arc<RtpsSender>>>,
     /// Sequence number of the last sample of the DDS writer.
     last_number: AtomicI64,
@@ -300,31 +303,53 @@ impl Writer {
             options = options.to_single_reader(dds.guid());
             cdr = Bytes::new();
         }
-        match dds.map(|w| w.write_with_options(cdr, options.build())) {
-            Some(Ok(identity)) => {
-                let number = i64::from(identity.sequence_number);
-                self.last_number.store(number, Relaxed);
-                self.counters.count();
-                Some(identity)
-            }
-            Some(Err(_)) | None => {
-                self.counters.failed.fetch_add(1, Relaxed);
-                None
-            }
+        let identity = dds.and_then(|dds| self.write_sample(&dds, cdr, options.build()));
+        match identity {
+            Some(_) => self.counters.count(),
+            None => _ = self.counters.failed.fetch_add(1, Relaxed),
         }
+        identity
+    }
+
+    /// Writes a sample, and keeps the send window open as far as subscriptions of this participant are concerned.
+    fn write_sample(
+        &self,
+        dds: &RawWriter,
+        cdr: Bytes,
+        options: WriteOptions,
+    ) -> Option<SampleIdentity> {
+        let mut written = dds.write_with_options(cdr, options.clone());
+        if let Err(WriteError::WouldBlock { data }) = written {
+            // A subscription that is newer than the last acknowledgement has acknowledged nothing.
+            if !self.acknowledge_for_own_readers(dds.guid(), self.last_number.load(Relaxed)) {
+                return None;
+            }
+            written = dds.write_with_options(data, options);
+        }
+        let identity = written.ok()?;
+        let number = i64::from(identity.sequence_number);
+        self.last_number.store(number, Relaxed);
+        if number % ACKNOWLEDGED == 0 {
+            self.acknowledge_for_own_readers(dds.guid(), number);
+        }
+        Some(identity)
+    }
+
+    /// Acknowledges samples up to `number` to the DDS writer, for the subscriptions of this participant: they get messages in
+    /// memory, and it would wait for them. Returns whether there are any.
+    fn acknowledge_for_own_readers(&self, writer: GUID, number: i64) -> bool {
+        let readers = self.local.reliable_readers();
+        if let Some(rtps) = self.rtps() {
+            rtps.acknowledge_own(writer, &readers, number);
+        }
+        !readers.is_empty()
     }
 
     /// Sends a reply that is too long for rustdds with the next sequence number of the DDS writer; false if it is not too
     /// long. Before the sample is written: from then on rustdds says that there is nothing for the client to receive.
     fn send_long_reply(&self, writer: GUID, request: SampleIdentity, cdr: &[u8]) -> bool {
-        // Not locked meanwhile: a participant that has deadlocked does not answer.
-        let rtps = self
-            .rtps
-            .read()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone();
         let topic = &self.spec.dds_topic;
-        let Some(rtps) = rtps.filter(|r| r.must_send(topic, cdr.len())) else {
+        let Some(rtps) = self.rtps().filter(|r| r.must_send(topic, cdr.len())) else {
             return false;
         };
         let number = SequenceNumber::from(self.last_number.load(Relaxed) + 1);
@@ -332,7 +357,14 @@ impl Writer {
         true
     }
 
-    /// Sets what sends the replies that rustdds cannot send. Only for the present DDS writer.
+    /// What sends the RTPS messages that rustdds does not. Not locked afterwards: a participant that has deadlocked does not
+    /// answer.
+    fn rtps(&self) -> Option<Arc<RtpsSender>> {
+        let rtps = self.rtps.read().unwrap_or_else(PoisonError::into_inner);
+        rtps.clone()
+    }
+
+    /// Sets what sends the RTPS messages that rustdds does not. Only for the present DDS writer.
     pub(super) fn set_rtps_sender(&self, rtps: Option<Arc<RtpsSender>>) {
         *self.rtps.write().unwrap_or_else(PoisonError::into_inner) = rtps;
     }
@@ -344,6 +376,7 @@ impl Writer {
             && self.spec.qos.is_reliable()
             && self.counters.remote.load(Relaxed) > 0
         {
+            self.acknowledge_for_own_readers(dds.guid(), self.last_number.load(Relaxed));
             // A subscriber that has not acknowledged by then is dead or overloaded.
             let _ = dds.wait_for_acknowledgments(patience);
         }
@@ -377,6 +410,9 @@ impl Writer {
         std::mem::replace(&mut *current, dds)
     }
 }
+
+/// After how many samples subscriptions of the same participant acknowledge: well below the 8192 after which rustdds waits.
+const ACKNOWLEDGED: i64 = 1024;
 
 /// A GID that no participant uses: its prefix is not that of a DDS vendor.
 fn unused_gid() -> Gid {

@@ -10,7 +10,7 @@
 //! messages of a publisher in the same order, and a late joiner gets each kept message once. Nothing is logged, no handler
 //! runs and nothing of rustdds is called meanwhile.
 
-use rustdds::{SequenceNumber, bytes::Bytes, rpc::SampleIdentity};
+use rustdds::{GUID, SequenceNumber, bytes::Bytes, rpc::SampleIdentity};
 use std::{
     any::Any,
     collections::{HashMap, VecDeque},
@@ -223,6 +223,17 @@ impl LocalTopic {
             reader.receive(sample.clone(), Origin::Local);
         }
         state.matched.len()
+    }
+
+    /// DDS readers of the reliable subscriptions.
+    pub(super) fn reliable_readers(&self) -> Vec<GUID> {
+        let members = self.lock();
+        let reliable = members.readers.iter().filter(|r| r.spec.qos.is_reliable());
+        let mut guids: Vec<GUID> = reliable.filter_map(|r| Some(r.gid()?.into())).collect();
+        // Subscriptions share DDS readers.
+        guids.sort();
+        guids.dedup();
+        guids
     }
 
     /// Whether a publisher with this GID is matched with a subscription.

@@ -57,7 +57,16 @@ fn smallest_mtu() -> usize {
     mtus.fold(ETHERNET, usize::min)
 }
 
-/// Sends RTPS messages to peers of a participant from a separate socket.
+/// What a reader says it has received.
+#[derive(Clone, Copy)]
+enum Acknowledged {
+    /// Nothing, and it requests the first sample.
+    FirstMissing,
+    /// All samples up to this number; it requests none.
+    UpTo(i64),
+}
+
+/// Sends RTPS messages to peers of a participant, and to itself, from a separate socket.
 pub(super) struct RtpsSender {
     participant: DomainParticipant,
     socket: UdpSocket,
@@ -104,12 +113,34 @@ impl RtpsSender {
             .iter()
             .find(|found| found.writer_proxy.remote_writer_guid == writer);
         let Some(found) = found else { return };
-        let message = self.acknack(reader, writer, count);
+        let message = self.acknack(reader, writer, Acknowledged::FirstMissing, count);
         for locator in &found.writer_proxy.unicast_locator_list {
             if locator.is_udp() {
                 self.send(&message, SocketAddr::from(*locator));
             }
         }
+    }
+
+    /// Acknowledges to `writer` of this participant, for `readers` of the same participant, all samples up to `number`.
+    ///
+    /// On loopback they never get its samples from rustdds, which waits for them nevertheless (docs/upstream.md).
+    pub(super) fn acknowledge_own(&self, writer: GUID, readers: &[GUID], number: i64) {
+        let Some(port) = self.own_port() else { return };
+        let to = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+        for &reader in readers {
+            // rustdds ignores an acknowledgement with the count of the last one.
+            let count = number as u32;
+            let acknowledged = Acknowledged::UpTo(number);
+            self.send(&self.acknack(reader, writer, acknowledged, count), to);
+        }
+    }
+
+    /// The port on which the participant receives user data (RTPS 2.5, section 9.6.2.3).
+    fn own_port(&self) -> Option<u16> {
+        let participant = self.participant.participant_id();
+        let port =
+            7411 + 250 * u32::from(self.participant.domain_id()) + 2 * u32::from(participant);
+        u16::try_from(port).ok()
     }
 
     /// Whether rustdds cannot send a reply of this length \[bytes\] to all readers of a topic: it spoils the inline QoS,
@@ -186,14 +217,28 @@ impl RtpsSender {
         message
     }
 
-    fn acknack(&self, reader: GUID, writer: GUID, count: u32) -> Vec<u8> {
+    fn acknack(
+        &self,
+        reader: GUID,
+        writer: GUID,
+        acknowledged: Acknowledged,
+        count: u32,
+    ) -> Vec<u8> {
         let mut body = Vec::new();
         body.extend(entity(reader));
         body.extend(entity(writer));
-        // The set of missing samples: 1 and one bit, for the number 1 itself.
-        body.extend(number_bytes(1));
-        body.extend(1_u32.to_le_bytes());
-        body.extend((1_u32 << 31).to_le_bytes());
+        // The set of missing samples: its lowest number, the number of bits, and the bits.
+        match acknowledged {
+            Acknowledged::FirstMissing => {
+                body.extend(number_bytes(1));
+                body.extend(1_u32.to_le_bytes());
+                body.extend((1_u32 << 31).to_le_bytes());
+            }
+            Acknowledged::UpTo(number) => {
+                body.extend(number_bytes(number + 1));
+                body.extend(0_u32.to_le_bytes());
+            }
+        }
         body.extend(count.to_le_bytes());
         let mut message = self.message(writer);
         submessage(&mut message, ACKNACK, &body);

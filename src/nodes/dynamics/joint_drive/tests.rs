@@ -231,13 +231,8 @@ fn a_gripper_moves_whatever_the_arm_does() {
         closed_position: -0.2,
     };
     let mut drive = JointDrive::new(&robot, &config(), std::slice::from_ref(&params)).unwrap();
-    let goal = |position| GripperGoal {
-        position,
-        max_effort: f64::INFINITY,
-        max_rate: f64::INFINITY,
-    };
     let finger = |robot: &Robot| (robot.state().q[1], robot.state().qd[1]);
-    drive.set_gripper_goal(&robot, 0, goal(0.1));
+    drive.set_gripper_goal(&robot, 0, GripperGoal::at(0.1));
     let all = [(0, Setpoint::Effort(0.01)), (1, Setpoint::Effort(2.0))];
     drive.command(&mut robot, all);
     assert_eq!(drive.mode(), DriveMode::Effort);
@@ -251,7 +246,7 @@ fn a_gripper_moves_whatever_the_arm_does() {
 
     drive.drive_rates(&mut robot, [(0, 0.05), (1, 1.0)]);
     assert_eq!(drive.mode(), DriveMode::Rate);
-    drive.set_gripper_goal(&robot, 0, goal(0.3));
+    drive.set_gripper_goal(&robot, 0, GripperGoal::at(0.3));
     step(&mut drive, &mut robot, 4.0, 4.0, 0.01);
     assert!(
         (finger(&robot).0 - 0.3).abs() < 1e-3,
@@ -263,7 +258,7 @@ fn a_gripper_moves_whatever_the_arm_does() {
     let now = drive.present(&robot);
     let stop = JointSpline::stop(robot.model(), 8.0, &now);
     drive.begin(&robot, ArmMotion::Joints(stop), 8.0);
-    drive.set_gripper_goal(&robot, 0, goal(0.0));
+    drive.set_gripper_goal(&robot, 0, GripperGoal::at(0.0));
     step(&mut drive, &mut robot, 8.0, 4.0, 0.01);
     assert_eq!(drive.mode(), DriveMode::Motion);
     assert!(finger(&robot).0.abs() < 1e-3, "{:?}", finger(&robot));

@@ -2,7 +2,10 @@
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::numbers::not_negative;
+use super::{
+    names::declare_each,
+    numbers::{not_negative, scheduled_time},
+};
 use crate::{
     dynamics::capture::{JointReaction, Latch, ReleaseSpring},
     nodes::{
@@ -47,32 +50,9 @@ pub struct GraspParams {
 /// # Errors
 /// A line that names a parameter with its value, and what would be right.
 pub(super) fn declare_grasps(declare: &mut Declare) -> Result<Vec<GraspParams>, String> {
-    let names = declare
-        .param(
-            "grasps",
-            Vec::<String>::new(),
-            "Names of the grasps by which the robot can hold targets",
-        )
-        .read_only()
-        .value();
-    let mut once: Vec<String> = Vec::new();
-    let mut twice = None;
-    for name in names {
-        match once.contains(&name) {
-            true => twice = twice.or(Some(name)),
-            false => once.push(name),
-        }
-    }
-    // All are declared before the first error, so that no parameter is reported as unknown.
-    let all: Vec<_> = (once.into_iter())
-        .map(|name| GraspParams::declare(declare, name))
-        .collect();
-    match twice {
-        Some(name) => Err(format!(
-            "parameter grasps: '{name}' is given twice; grasps need different names"
-        )),
-        None => all.into_iter().collect(),
-    }
+    let description = "Names of the grasps by which the robot can hold targets";
+    let all = declare_each(declare, "grasps", description, GraspParams::declare)?;
+    all.into_iter().collect()
 }
 
 impl GraspParams {
@@ -112,7 +92,7 @@ impl GraspParams {
         )
         .read_only()
         .value();
-        let at = time(declare, &key("at"), "Time at which the grasp latches");
+        let at = scheduled_time(declare, &key("at"), "Time at which the grasp latches");
         let automatic = declare
             .param(
                 &key("automatic"),
@@ -133,7 +113,8 @@ impl GraspParams {
             0.05,
             "Largest angle between the two frames at which a weld latches [rad]",
         );
-        let release_at = time(declare, &key("release_at"), "Time at which the grasp opens");
+        let release_at =
+            scheduled_time(declare, &key("release_at"), "Time at which the grasp opens");
         let energy = not_negative(
             declare,
             &key("release_energy"),
@@ -184,21 +165,4 @@ impl GraspParams {
             name,
         })
     }
-}
-
-/// A time, of which a negative one, the default, stands for none.
-fn time(declare: &mut Declare, name: &str, description: &str) -> Option<f64> {
-    let value: f64 = declare
-        .param(
-            name,
-            -1.0,
-            &format!("{description} [s]; negative is on command"),
-        )
-        .check("a finite number", |value: &f64| match value.is_finite() {
-            true => Ok(()),
-            false => Err(format!("{value} is not finite")),
-        })
-        .read_only()
-        .value();
-    (value >= 0.0).then_some(value)
 }

@@ -1,6 +1,9 @@
 //! Parameters of grippers: the joint of each, its limits, and when its goals are over.
 
-use super::numbers::{limit, not_negative};
+use super::{
+    names::declare_each,
+    numbers::{limit, not_negative, scheduled_time},
+};
 use crate::ros::Declare;
 
 /// Parameters of a gripper.
@@ -35,31 +38,8 @@ pub struct GripperParams {
 /// # Errors
 /// A line that names the parameter.
 pub(super) fn declare_grippers(declare: &mut Declare) -> Result<Vec<GripperParams>, String> {
-    let names = declare
-        .param(
-            "grippers",
-            Vec::<String>::new(),
-            "Names of the robot's grippers",
-        )
-        .read_only()
-        .value();
-    let mut once: Vec<String> = Vec::new();
-    let mut twice = None;
-    for name in names {
-        match once.contains(&name) {
-            true => twice = twice.or(Some(name)),
-            false => once.push(name),
-        }
-    }
-    // All are declared before the first error, so that no parameter is reported as unknown.
-    let all: Vec<_> = (once.into_iter())
-        .map(|name| GripperParams::declare(declare, name))
-        .collect();
-    if let Some(name) = twice {
-        return Err(format!(
-            "parameter grippers: '{name}' is given twice; grippers need different names"
-        ));
-    }
+    let description = "Names of the robot's grippers";
+    let all = declare_each(declare, "grippers", description, GripperParams::declare)?;
     for (i, gripper) in all.iter().enumerate() {
         if let Some(other) = all[..i].iter().find(|other| other.joint == gripper.joint) {
             return Err(format!(
@@ -130,18 +110,11 @@ impl GripperParams {
             )
             .read_only()
             .value();
-        let close_at: f64 = declare
-            .param(
-                &key("close_at"),
-                -1.0,
-                "Time at which the gripper closes, with max_effort [s]; negative is on command",
-            )
-            .check("a finite number", |value: &f64| match value.is_finite() {
-                true => Ok(()),
-                false => Err(format!("{value} is not finite")),
-            })
-            .read_only()
-            .value();
+        let close_at = scheduled_time(
+            declare,
+            &key("close_at"),
+            "Time at which the gripper closes, with max_effort",
+        );
         let closed_position = declare
             .param(
                 &key("closed_position"),
@@ -160,7 +133,7 @@ impl GripperParams {
             stall_velocity_threshold,
             stall_timeout,
             allow_stalling,
-            close_at: (close_at >= 0.0).then_some(close_at),
+            close_at,
             closed_position,
             name,
         }

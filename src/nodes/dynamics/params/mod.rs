@@ -12,6 +12,7 @@ mod grippers;
 mod joint_physics;
 mod lockstep;
 mod motions;
+pub(super) mod names;
 mod numbers;
 mod robots;
 mod thrusters;

@@ -70,3 +70,17 @@ pub(super) fn direction(
         _ => Vector3::x_axis(),
     }
 }
+
+/// A time \[s\] of which a negative one, the default, stands for none: then something happens on command.
+pub(super) fn scheduled_time(declare: &mut Declare, name: &str, description: &str) -> Option<f64> {
+    let text = format!("{description} [s]; negative is on command");
+    let value: f64 = declare
+        .param(name, -1.0, &text)
+        .check("a finite number", |value: &f64| match value.is_finite() {
+            true => Ok(()),
+            false => Err(format!("{value} is not finite")),
+        })
+        .read_only()
+        .value();
+    (value >= 0.0).then_some(value)
+}
