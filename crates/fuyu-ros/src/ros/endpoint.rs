@@ -1,9 +1,6 @@
 //! Publishers and subscriptions below their handles; they outlive a DDS participant.
 
-use rustdds::{
-    GUID, RTPSEntity, SequenceNumber, WriteOptions, bytes::Bytes, dds::WriteError,
-    rpc::SampleIdentity,
-};
+use rustdds::{GUID, RTPSEntity, SequenceNumber, bytes::Bytes, rpc::SampleIdentity};
 use std::{
     collections::VecDeque,
     sync::{
@@ -303,32 +300,19 @@ impl Writer {
             options = options.to_single_reader(dds.guid());
             cdr = Bytes::new();
         }
-        let identity = dds.and_then(|dds| self.write_sample(&dds, cdr, options.build()));
-        match identity {
-            Some(_) => self.counters.count(),
-            None => _ = self.counters.failed.fetch_add(1, Relaxed),
-        }
-        identity
-    }
-
-    /// Writes a sample, and keeps the send window open as far as subscriptions of this participant are concerned.
-    fn write_sample(
-        &self,
-        dds: &RawWriter,
-        cdr: Bytes,
-        options: WriteOptions,
-    ) -> Option<SampleIdentity> {
-        let mut written = dds.write_with_options(cdr, options.clone());
-        if let Err(WriteError::WouldBlock { data }) = written {
-            // A subscription that is newer than the last acknowledgement has acknowledged nothing.
-            if !self.acknowledge_for_own_readers(dds.guid(), self.last_number.load(Relaxed)) {
-                return None;
-            }
-            written = dds.write_with_options(data, options);
-        }
-        let identity = written.ok()?;
+        let Some(dds) = dds else {
+            self.counters.failed.fetch_add(1, Relaxed);
+            return None;
+        };
+        let Ok(identity) = dds.write_with_options(cdr, options.build()) else {
+            self.counters.failed.fetch_add(1, Relaxed);
+            // The datagrams of the last acknowledgements may have been lost.
+            self.acknowledge_for_own_readers(dds.guid(), self.last_number.load(Relaxed));
+            return None;
+        };
         let number = i64::from(identity.sequence_number);
         self.last_number.store(number, Relaxed);
+        self.counters.count();
         if number % ACKNOWLEDGED == 0 {
             self.acknowledge_for_own_readers(dds.guid(), number);
         }
@@ -336,13 +320,11 @@ impl Writer {
     }
 
     /// Acknowledges samples up to `number` to the DDS writer, for the subscriptions of this participant: they get messages in
-    /// memory, and it would wait for them. Returns whether there are any.
-    fn acknowledge_for_own_readers(&self, writer: GUID, number: i64) -> bool {
-        let readers = self.local.reliable_readers();
+    /// memory, and it would wait for them.
+    fn acknowledge_for_own_readers(&self, writer: GUID, number: i64) {
         if let Some(rtps) = self.rtps() {
-            rtps.acknowledge_own(writer, &readers, number);
+            rtps.acknowledge_own(writer, &self.local.reliable_readers(), number);
         }
-        !readers.is_empty()
     }
 
     /// Sends a reply that is too long for rustdds with the next sequence number of the DDS writer; false if it is not too
