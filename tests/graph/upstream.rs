@@ -237,7 +237,7 @@ fn a_reader_that_died_holds_up_the_writer() {
 
 #[test]
 fn a_reader_of_the_same_participant_holds_up_the_writer() {
-    let domain = 56;
+    let domain = 33;
     let _claim = DomainClaim::new(domain);
     let (ours, other) = (participant(domain), participant(domain));
     // Writers are matched with those readers of their participant that are older.

@@ -35,25 +35,26 @@ pub fn fresh(peer: &mut Peer, topic: &str, count: usize) -> Vec<Value> {
     messages
 }
 
-/// The messages that have come after `begin` (of [`now`]), at least one, in a loop: `begin` becomes the time of the last, so
-/// that none is missed between two calls.
+/// The messages that have come since `begin` (of [`now`]), at least one unless the peer's patience ends. `begin` moves behind
+/// the last, so that a loop misses none.
 pub fn following(peer: &mut Peer, topic: &str, begin: &mut f64) -> Vec<Value> {
-    let wait = json!({"do": "wait", "topic": topic, "count": 1, "since": *begin});
-    let received = peer.does(wait);
-    let messages = received.as_array().expect("a list");
-    if let Some(last) = messages.last() {
-        // The next representable time: messages of `begin` itself are among those since then.
+    let received = received_since(peer, topic, 1, *begin);
+    if let Some(last) = received.last() {
         *begin = last["time"].as_f64().expect("a time").next_up();
     }
-    messages.iter().map(|m| m["message"].clone()).collect()
+    received.iter().map(|m| m["message"].clone()).collect()
 }
 
 /// The messages that have come since `begin` (of [`now`]), once there are `count` or the peer's patience ends.
 fn since(peer: &mut Peer, topic: &str, count: usize, begin: f64) -> Vec<Value> {
+    let received = received_since(peer, topic, count, begin);
+    received.iter().map(|m| m["message"].clone()).collect()
+}
+
+/// As [`since`], each with its time.
+fn received_since(peer: &mut Peer, topic: &str, count: usize, begin: f64) -> Vec<Value> {
     let wait = json!({"do": "wait", "topic": topic, "count": count, "since": begin});
-    let received = peer.does(wait);
-    let messages = received.as_array().expect("a list").iter();
-    messages.map(|m| m["message"].clone()).collect()
+    peer.does(wait).as_array().expect("a list").clone()
 }
 
 pub fn numbers(list: &Value) -> Vec<f64> {
