@@ -6,6 +6,8 @@ mod estimate;
 mod files;
 mod inspect;
 mod joint_values;
+#[cfg(feature = "zenoh")]
+mod keys;
 mod launch;
 mod modes;
 mod reproduce;
@@ -38,6 +40,8 @@ enum Command {
     Estimate(estimate::Args),
     Files(files::Args),
     Inspect(inspect::Args),
+    #[cfg(feature = "zenoh")]
+    Keys(keys::Args),
     Launch(launch::Args),
     Modes(modes::Args),
     Reproduce(reproduce::Args),
@@ -55,6 +59,8 @@ impl Command {
             Self::Estimate(args) => estimate::run(&args),
             Self::Files(args) => files::run(&args),
             Self::Inspect(args) => inspect::run(args),
+            #[cfg(feature = "zenoh")]
+            Self::Keys(args) => keys::run(&args),
             Self::Modes(args) => modes::run(&args),
             Self::Reproduce(args) => reproduce::run(&args),
             Self::Simulate(args) => simulate::run(&args),

@@ -109,6 +109,7 @@ const LAYERS: [(&str, &[Layer]); 7] = [
         "fuyu-ros",
         &[
             ("input_file", &[]),
+            ("keys", &[]),
             ("msg", &[]),
             ("ros", &["input_file", "msg"]),
             ("bag", &["input_file", "msg", "ros"]),

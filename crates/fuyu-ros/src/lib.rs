@@ -84,6 +84,8 @@ extern crate self as fuyu_ros;
 
 pub mod bag;
 pub mod input_file;
+#[cfg(feature = "zenoh")]
+pub mod keys;
 pub mod msg;
 pub mod ros;
 

@@ -101,7 +101,8 @@ impl Player {
         };
         // Announce all topics before publishing any message.
         for topic in &info.topics {
-            stage.announce(&topic.name, &topic.type_name, &topic.encoding, &topic.qos)?;
+            let kind = (topic.type_name.as_str(), topic.type_hash.as_deref());
+            stage.announce(&topic.name, kind, &topic.encoding, &topic.qos)?;
         }
         let begin = start.saturating_add(self.start_offset.as_nanos() as u64);
         let mut pace = Pace::new(node, begin, self.rate, self.clock, clock, paused);
@@ -136,7 +137,7 @@ impl Stage<'_> {
     fn announce(
         &mut self,
         name: &str,
-        type_name: &str,
+        (type_name, type_hash): (&str, Option<&str>),
         encoding: &str,
         qos: &[Qos],
     ) -> Result<(), NodeError> {
@@ -144,11 +145,14 @@ impl Stage<'_> {
             return Ok(());
         }
         let publisher = match encoding {
-            "cdr" => match self.node.advertise_raw(name, type_name, Qos::offer(qos)) {
-                Ok(publisher) => Ok(publisher),
-                Err(e @ (NodeError::Input(_) | NodeError::Name(_))) => Err(e.to_string()),
-                Err(e) => return Err(e),
-            },
+            "cdr" => {
+                let qos = Qos::offer(qos);
+                match (self.node).advertise_recorded(name, type_name, type_hash, qos) {
+                    Ok(publisher) => Ok(publisher),
+                    Err(e @ (NodeError::Input(_) | NodeError::Name(_))) => Err(e.to_string()),
+                    Err(e) => return Err(e),
+                }
+            }
             other => Err(format!("its messages are encoded as {other}, not cdr")),
         };
         if let Err(why) = &publisher {
@@ -192,7 +196,8 @@ impl Stage<'_> {
 
     fn publish(&mut self, message: Message) -> Result<(), NodeError> {
         let topic = Arc::clone(&message.topic);
-        self.announce(&topic.name, &topic.type_name, &topic.encoding, &topic.qos)?;
+        let kind = (topic.type_name.as_str(), topic.type_hash.as_deref());
+        self.announce(&topic.name, kind, &topic.encoding, &topic.qos)?;
         if let Some(Some(publisher)) = self.publishers.get(&topic.name) {
             publisher.publish(message.data);
             self.tell(|played| played.messages += 1);

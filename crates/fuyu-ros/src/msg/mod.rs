@@ -14,6 +14,7 @@
 mod definition;
 mod interface;
 mod macros;
+mod service_definition;
 mod type_hash;
 
 pub mod cdr;
@@ -45,6 +46,7 @@ pub mod visualization_msgs;
 pub use definition::ros_name;
 pub use definition::{Constant, Definition, FieldDefinition, Kind};
 pub use interface::{Action, Base, Bounded, Byte, Field, FieldType, Interface, Service, Shape};
+pub use service_definition::ServiceDefinition;
 
 /// All message types of this module, package by package.
 pub fn definitions() -> impl Iterator<Item = &'static Definition> {

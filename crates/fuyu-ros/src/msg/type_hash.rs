@@ -1,17 +1,23 @@
 //! RIHS01 type hashes: SHA-256 of the canonical JSON of a type description (REP-2011, REP-2016).
 
 use sha2::{Digest, Sha256};
-use std::fmt::Write as _;
+use std::{collections::BTreeMap, fmt::Write as _};
 
-use super::{Base, Definition, FieldDefinition, Shape};
+use super::{
+    Base, Definition, FieldDefinition, Interface, ServiceDefinition, Shape,
+    builtin_interfaces::Time,
+};
 
 pub(super) fn rihs01(definition: &Definition) -> String {
     let mut referenced = definition.dependencies();
     referenced.sort_by_key(|d| d.type_name());
     let referenced: Vec<String> = referenced.iter().map(|d| description(d)).collect();
+    hash(&description(definition), &referenced)
+}
+
+fn hash(described: &str, referenced: &[String]) -> String {
     let json = format!(
-        "{{\"type_description\": {}, \"referenced_type_descriptions\": [{}]}}",
-        description(definition),
+        "{{\"type_description\": {described}, \"referenced_type_descriptions\": [{}]}}",
         referenced.join(", ")
     );
     let mut hash = String::from("RIHS01_");
@@ -21,38 +27,85 @@ pub(super) fn rihs01(definition: &Definition) -> String {
     hash
 }
 
+/// A service is described as a message with its request, its response and its event, whose message follows from both.
+pub(super) fn rihs01_of_service(service: &ServiceDefinition) -> String {
+    let name = service.type_name();
+    let event = format!("{name}_Event");
+    let (request, response) = (service.request.type_name(), service.response.type_name());
+    let message = |field, name: &str| typed_field(field, MESSAGE, 0, name);
+    let fields = [
+        message("request_message", &request),
+        message("response_message", &response),
+        message("event_message", &event),
+    ];
+    let event_fields = [
+        message("info", EVENT_INFO),
+        typed_field("request", MESSAGE + BOUNDED, 1, &request),
+        typed_field("response", MESSAGE + BOUNDED, 1, &response),
+    ];
+    let info_fields = [
+        typed_field("event_type", primitive_id(Base::Uint8), 0, ""),
+        message("stamp", &Time::DEFINITION.type_name()),
+        typed_field("client_gid", primitive_id(Base::Uint8) + ARRAY, 16, ""),
+        typed_field("sequence_number", primitive_id(Base::Int64), 0, ""),
+    ];
+    let parts = [service.request, service.response, Time::DEFINITION];
+    let contained = parts.iter().flat_map(|part| part.dependencies());
+    let messages = contained.chain(parts.iter().copied());
+    // Sorted by name, each once.
+    let mut referenced: BTreeMap<_, _> =
+        messages.map(|d| (d.type_name(), description(d))).collect();
+    referenced.insert(event.clone(), described(&event, &event_fields));
+    referenced.insert(EVENT_INFO.to_owned(), described(EVENT_INFO, &info_fields));
+    let referenced: Vec<_> = referenced.into_values().collect();
+    hash(&described(&name, &fields), &referenced)
+}
+
+/// What an event of a service says about itself.
+const EVENT_INFO: &str = "service_msgs/msg/ServiceEventInfo";
+
+/// Numbers of type_description_interfaces/msg/FieldType: a message, and what is added for arrays and bounded sequences.
+const MESSAGE: usize = 1;
+const ARRAY: usize = 48;
+const BOUNDED: usize = 96;
+
 // Written by hand since the hash fixes the order of keys and every space.
 fn description(definition: &Definition) -> String {
     let fields: Vec<String> = definition.fields.iter().map(field).collect();
+    described(&definition.type_name(), &fields)
+}
+
+fn described(name: &str, fields: &[String]) -> String {
     format!(
-        "{{\"type_name\": \"{}\", \"fields\": [{}]}}",
-        definition.type_name(),
+        "{{\"type_name\": \"{name}\", \"fields\": [{}]}}",
         fields.join(", ")
     )
 }
 
 fn field(f: &FieldDefinition) -> String {
-    // Numbers of type_description_interfaces/msg/FieldType.
     let (id, nested) = match f.ty.base {
-        Base::Message(d) => (1, d.type_name()),
+        Base::Message(d) => (MESSAGE, d.type_name()),
         base => (primitive_id(base), String::new()),
     };
     let (offset, capacity) = match f.ty.shape {
         Shape::One => (0, 0),
-        Shape::Array(n) => (48, n),
-        Shape::Bounded(n) => (96, n),
+        Shape::Array(n) => (ARRAY, n),
+        Shape::Bounded(n) => (BOUNDED, n),
         Shape::Sequence => (144, 0),
     };
+    typed_field(f.name, id + offset, capacity, &nested)
+}
+
+fn typed_field(name: &str, id: usize, capacity: usize, nested: &str) -> String {
     format!(
-        "{{\"name\": \"{}\", \"type\": {{\"type_id\": {}, \"capacity\": {capacity}, \"string_capacity\": 0, \"nested_type_name\": \"{nested}\"}}}}",
-        f.name,
-        id + offset
+        "{{\"name\": \"{name}\", \"type\": {{\"type_id\": {id}, \"capacity\": {capacity}, \"string_capacity\": 0, \
+         \"nested_type_name\": \"{nested}\"}}}}"
     )
 }
 
 fn primitive_id(base: Base) -> usize {
     match base {
-        Base::Message(_) => 1,
+        Base::Message(_) => MESSAGE,
         Base::Int8 => 2,
         Base::Uint8 => 3,
         Base::Int16 => 4,

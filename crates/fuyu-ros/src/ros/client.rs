@@ -1,6 +1,6 @@
 //! Service clients: requests with a reply that arrives later, matched by the identity of the request sample.
 
-use rustdds::{GUID, SequenceNumber, bytes::Bytes, rpc::SampleIdentity};
+use bytes::Bytes;
 use std::{
     collections::HashMap,
     marker::PhantomData,
@@ -9,11 +9,12 @@ use std::{
 };
 
 use super::{
-    NodeError, RawSample,
+    Gid, NodeError, RawSample, Time,
     endpoint::{Counters, Reader, Writer},
     held_replies::have_common_participant,
     local_delivery::Outgoing,
     node_core::NodeCore,
+    sample::SampleIdentity,
     service::{REPLY, REQUEST, service_spec},
 };
 use crate::msg::{Service, cdr};
@@ -21,17 +22,13 @@ use crate::msg::{Service, cdr};
 /// Longest time between two checks of a blocking wait: a stop request does not wake it.
 const POLL_PERIOD: Duration = Duration::from_millis(10);
 
-/// Requests up to this length state where the reply is expected \[bytes\]: rustdds cannot send this with longer ones
-/// (docs/upstream.md).
-const STATES_READER: usize = 1_024;
-
 /// Calls by their requests.
 type Calls<S> = HashMap<SampleIdentity, Waiting<S>>;
 
 /// A call whose response has not been taken yet.
 struct Waiting<S: Service> {
-    /// The reader that the request states. The server names the request by it instead of its writer.
-    reply_reader: Option<GUID>,
+    /// The reader that the request states. The server may name the request by it instead of its writer.
+    reply_reader: Option<Gid>,
     response: Option<S::Response>,
 }
 
@@ -47,7 +44,7 @@ pub enum CallError {
         /// How long the call waited.
         timeout: Duration,
     },
-    /// DDS did not accept the request.
+    /// The transport did not accept the request.
     #[error("service {service}: the request could not be sent")]
     NotSent {
         /// Full name of the service.
@@ -88,8 +85,7 @@ impl<S: Service> ServiceClient<S> {
             let mut replies = lock::<S>(&received);
             let call = replies.iter_mut().find(|(sent, call)| {
                 sent.sequence_number == request.sequence_number
-                    && [Some(sent.writer_guid), call.reply_reader]
-                        .contains(&Some(request.writer_guid))
+                    && [Some(sent.writer), call.reply_reader].contains(&Some(request.writer))
             });
             let Some((_, call)) = call else {
                 return true;
@@ -153,21 +149,18 @@ impl<S: Service> ServiceClient<S> {
     /// Sends a request without waiting for the response. The response wakes the node's program.
     ///
     /// # Errors
-    /// [`CallError::NotSent`] if DDS does not accept the request.
+    /// [`CallError::NotSent`] if the transport does not accept the request.
     pub fn send(&self, request: &S::Request) -> Result<PendingCall<S>, CallError> {
         // Locked while the request is written, since the reply may arrive before the write returns.
         let mut replies = lock::<S>(&self.replies);
         let cdr: Bytes = cdr::encode(request).into();
         // The server waits for the discovery of this reader before it replies.
-        let states_reader = cdr.len() <= STATES_READER;
-        let reply_reader = (self.reader.gid().filter(|_| states_reader))
-            .map(|reader| GUID::from_bytes(reader.to_bytes16()));
-        let stated = reply_reader.map(|writer_guid| SampleIdentity {
-            writer_guid,
-            sequence_number: SequenceNumber::UNKNOWN,
+        let reply_reader = self.reader.gid();
+        let stated = reply_reader.map(|writer| SampleIdentity {
+            writer,
+            sequence_number: SampleIdentity::UNKNOWN_NUMBER,
         });
-        let now = rustdds::Timestamp::now();
-        let sent = self.requests.write(cdr.clone(), now, stated);
+        let sent = self.requests.write(cdr.clone(), Time::wall(), stated);
         let identity = sent.unwrap_or_else(|| self.requests.unwritten_identity());
         let outgoing = Outgoing {
             cdr,

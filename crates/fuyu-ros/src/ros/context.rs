@@ -1,10 +1,5 @@
 //! DDS domain and discovery range, from the environment variables of ROS.
 
-use rustdds::{DomainParticipant, DomainParticipantBuilder};
-use std::net::Ipv4Addr;
-
-use super::static_peers;
-
 /// How far discovery reaches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DiscoveryRange {
@@ -31,15 +26,15 @@ pub struct Domain {
 pub struct DomainError {
     variable: &'static str,
     value: String,
-    expected: &'static str,
+    expected: String,
 }
 
 impl DomainError {
-    pub(super) fn new(variable: &'static str, value: &str, expected: &'static str) -> Self {
+    pub(super) fn new(variable: &'static str, value: &str, expected: impl Into<String>) -> Self {
         Self {
             variable,
             value: value.to_owned(),
-            expected,
+            expected: expected.into(),
         }
     }
 }
@@ -96,36 +91,6 @@ impl Domain {
         };
 
         Ok(Self { id, range })
-    }
-
-    /// A participant of this domain that also announces itself to `peers`. Its threads inherit the signal mask of the
-    /// caller. As in ROS, peers are contacted unless the range is [`DiscoveryRange::Off`].
-    pub(super) fn participant(self, peers: &[Ipv4Addr]) -> Result<DomainParticipant, String> {
-        let builder = DomainParticipantBuilder::new(self.id);
-        let builder = match self.range {
-            DiscoveryRange::Subnet => builder,
-            DiscoveryRange::Localhost => {
-                let mut networks = static_peers::local_addresses(peers);
-                networks.push(Ipv4Addr::LOCALHOST);
-                builder.with_only_networks(networks)
-            }
-            DiscoveryRange::Off => builder
-                .with_only_networks([] as [Ipv4Addr; 0])
-                .same_host_loopback(false),
-        };
-        // Bound until the participant exists: peers must not send it multicast.
-        let _ports = match peers {
-            [] => Vec::new(),
-            _ => static_peers::occupy_multicast_ports(self.id),
-        };
-        let participant = builder.build().map_err(|e| e.to_string())?;
-        let on_subnet = self.range == DiscoveryRange::Subnet;
-        if self.range != DiscoveryRange::Off
-            && let Err(e) = static_peers::introduce(&participant, peers, on_subnet)
-        {
-            tracing::warn!("ROS_STATIC_PEERS: not contacted: {e}");
-        }
-        Ok(participant)
     }
 }
 

@@ -1,6 +1,6 @@
-//! Publishers and subscriptions below their handles; they outlive a DDS participant.
+//! Publishers and subscriptions below their handles; they outlive sessions.
 
-use rustdds::{GUID, RTPSEntity, SequenceNumber, bytes::Bytes, rpc::SampleIdentity};
+use bytes::Bytes;
 use std::{
     collections::VecDeque,
     sync::{
@@ -16,13 +16,13 @@ use super::{
     graph_cache::GraphCache,
     handler_queue::HandlerQueue,
     held_replies::HeldReplies,
-    invalid_samples::InvalidSamples,
+    invalid_samples::{InvalidSamples, not_of_type},
     local_delivery::{LocalSample, LocalTopic},
     qos::{Durability, History, kept},
-    raw_endpoints::RawWriter,
-    rtps_sender::RtpsSender,
+    sample::SampleIdentity,
+    transport::WireWriter,
 };
-use crate::msg::{Definition, Interface};
+use crate::msg::{Definition, Interface, ServiceDefinition};
 
 /// Types whose messages have the size of a megabyte rather than a kilobyte.
 const LARGE_TYPES: [&str; 4] = [
@@ -32,7 +32,7 @@ const LARGE_TYPES: [&str; 4] = [
     "nav_msgs::msg::dds_::OccupancyGrid_",
 ];
 
-/// Topic, type and QoS of an endpoint, as DDS sees them.
+/// Topic, type and QoS of an endpoint, as other participants see them.
 #[derive(Debug, Clone)]
 pub(super) struct EndpointSpec {
     /// Name for people: `/joint_states`.
@@ -48,6 +48,25 @@ pub(super) struct EndpointSpec {
     pub(super) internal: bool,
     /// Nodes of one participant share one DDS writer: of messages that name their node.
     pub(super) shared: bool,
+    /// What its samples are.
+    pub(super) role: Role,
+    /// Hash of the type as a peer or a bag states it, in place of that of `definition`.
+    pub(super) stated_hash: Option<String>,
+}
+
+/// What the samples of an endpoint are.
+#[derive(Debug, Clone, Copy)]
+#[cfg_attr(
+    not(feature = "zenoh"),
+    expect(dead_code, reason = "DDS does not tell the definition of a service")
+)]
+pub(super) enum Role {
+    /// Messages of a topic.
+    Topic,
+    /// Requests of a service.
+    Request(ServiceDefinition),
+    /// Replies of a service.
+    Reply(ServiceDefinition),
 }
 
 impl EndpointSpec {
@@ -66,6 +85,8 @@ impl EndpointSpec {
             definition: Some(M::DEFINITION),
             internal: true,
             shared: false,
+            role: Role::Topic,
+            stated_hash: None,
         }
     }
 
@@ -142,7 +163,7 @@ pub(super) struct Counters {
     pub(super) dropped: AtomicU64,
     /// Replaced by a newer message before the program took them; intended for a queue of one, so not a loss.
     pub(super) replaced: AtomicU64,
-    /// Refused by DDS, or not valid for the type.
+    /// Refused by the transport, or not valid for the type.
     pub(super) failed: AtomicU64,
     /// Never received, according to the sequence numbers of the publisher.
     pub(super) missing: AtomicU64,
@@ -202,15 +223,11 @@ pub(super) struct Writer {
     pub(super) local: Arc<LocalTopic>,
     /// Whether subscriptions of other participants may have been missed, so that the count of them does not say enough.
     pub(super) count_is_unsure: AtomicBool,
-    dds: RwLock<Option<Arc<RawWriter>>>,
-    /// GID of the DDS writer, also while it is being replaced; until there is one, a GID that no other writer has.
+    wire: RwLock<Option<Arc<dyn WireWriter>>>,
+    /// GID of the wire, also while it is being replaced; until there is one, a GID that no other publisher has.
     identity: RwLock<Gid>,
-    /// Sends what rustdds does not.
-    rtps: RwLock<Option<Arc<RtpsSender>>>,
-    /// Sequence number of the last sample of the DDS writer.
-    last_number: AtomicI64,
-    /// Messages that late joiners must get from a new participant.
-    latched: Mutex<VecDeque<(rustdds::Timestamp, Bytes)>>,
+    /// Messages that late joiners must get from a new session.
+    latched: Mutex<VecDeque<(Time, Bytes)>>,
 }
 
 impl Writer {
@@ -223,19 +240,17 @@ impl Writer {
             held: HeldReplies::default(),
             local,
             count_is_unsure: AtomicBool::new(false),
-            dds: RwLock::new(None),
+            wire: RwLock::new(None),
             identity: RwLock::new(unused_gid()),
-            rtps: RwLock::default(),
-            last_number: AtomicI64::new(0),
             latched: Mutex::default(),
         }
     }
 
-    /// Whether DDS needs its messages: for subscriptions of other participants, or for those to come. Services always do, since
-    /// their clients may be matched before we know.
-    pub(super) fn is_needed_by_dds(&self) -> bool {
+    /// Whether its messages have to be sent: to subscriptions of other participants, or to those to come. Those of services
+    /// always have to, since their clients may be matched before we know.
+    pub(super) fn is_needed_elsewhere(&self) -> bool {
         let spec = &self.spec;
-        let is_topic = spec.dds_topic.starts_with("rt/");
+        let is_topic = matches!(spec.role, Role::Topic);
         self.counters.remote.load(Relaxed) > 0
             || spec.qos.durability == Durability::TransientLocal
             || spec.shared
@@ -243,18 +258,13 @@ impl Writer {
             || self.count_is_unsure.load(Relaxed)
     }
 
-    /// Identity of a sample that DDS has not taken: with a number that DDS does not give.
+    /// Identity of a sample that the transport has not taken: with a number that no transport gives.
     pub(super) fn unwritten_identity(&self) -> SampleIdentity {
         static NEXT: AtomicI64 = AtomicI64::new(-1);
         SampleIdentity {
-            writer_guid: self.identity().into(),
-            sequence_number: NEXT.fetch_sub(1, Relaxed).into(),
+            writer: self.identity(),
+            sequence_number: NEXT.fetch_sub(1, Relaxed),
         }
-    }
-
-    /// Whether `guid` belongs to the same participant.
-    pub(super) fn is_of_participant(&self, guid: GUID) -> bool {
-        GUID::from(self.identity()).prefix == guid.prefix
     }
 
     /// Identity of its messages.
@@ -262,21 +272,21 @@ impl Writer {
         *self.identity.read().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn dds(&self) -> Option<Arc<RawWriter>> {
-        let dds = self.dds.read().unwrap_or_else(PoisonError::into_inner);
-        dds.clone()
+    fn wire(&self) -> Option<Arc<dyn WireWriter>> {
+        let wire = self.wire.read().unwrap_or_else(PoisonError::into_inner);
+        wire.clone()
     }
 
     pub(super) fn gid(&self) -> Option<Gid> {
-        self.dds().map(|w| w.guid().into())
+        self.wire().map(|wire| wire.gid())
     }
 
-    /// Writes a message to DDS and returns its identity, or `None` if DDS refuses it. May block for a few milliseconds
-    /// while the send window is full.
+    /// Sends a message to other participants and returns its identity, or `None` if the transport refuses it. May block for
+    /// a few milliseconds while the send window is full.
     pub(super) fn write(
         &self,
         cdr: Bytes,
-        published: rustdds::Timestamp,
+        published: Time,
         related: Option<SampleIdentity>,
     ) -> Option<SampleIdentity> {
         let mut latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
@@ -286,115 +296,65 @@ impl Writer {
             }
             latched.push_back((published, cdr.clone()));
         }
-        // The participant that is there now, or else the next one gets it with the other retained ones.
-        let dds = self.dds();
+        // The session that is there now, or else the next one gets it with the other retained ones.
+        let wire = self.wire();
         drop(latched);
-        let mut options = rustdds::WriteOptionsBuilder::new()
-            .source_timestamp(published)
-            .related_sample_identity_opt(related);
-        let mut cdr = cdr;
-        if let (Some(dds), Some(request)) = (&dds, related)
-            && self.send_long_reply(dds.guid(), request, &cdr)
-        {
-            // A sample to nobody: it takes the sequence number, and is announced to all other clients as irrelevant.
-            options = options.to_single_reader(dds.guid());
-            cdr = Bytes::new();
+        let identity = wire.and_then(|wire| wire.write(cdr, published, related));
+        match identity {
+            Some(_) => self.counters.count(),
+            None => {
+                self.counters.failed.fetch_add(1, Relaxed);
+            }
         }
-        let Some(dds) = dds else {
-            self.counters.failed.fetch_add(1, Relaxed);
-            return None;
-        };
-        let Ok(identity) = dds.write_with_options(cdr, options.build()) else {
-            self.counters.failed.fetch_add(1, Relaxed);
-            // The datagrams of the last acknowledgements may have been lost.
-            self.acknowledge_for_own_readers(dds.guid(), self.last_number.load(Relaxed));
-            return None;
-        };
-        let number = i64::from(identity.sequence_number);
-        self.last_number.store(number, Relaxed);
-        self.counters.count();
-        if number % ACKNOWLEDGED == 0 {
-            self.acknowledge_for_own_readers(dds.guid(), number);
-        }
-        Some(identity)
+        identity
     }
 
-    /// Acknowledges samples up to `number` to the DDS writer, for the subscriptions of this participant: they get messages in
-    /// memory, and it would wait for them.
-    fn acknowledge_for_own_readers(&self, writer: GUID, number: i64) {
-        if let Some(rtps) = self.rtps() {
-            rtps.acknowledge_own(writer, &self.local.reliable_readers(), number);
-        }
-    }
-
-    /// Sends a reply that is too long for rustdds with the next sequence number of the DDS writer; false if it is not too
-    /// long. Before the sample is written: from then on rustdds says that there is nothing for the client to receive.
-    fn send_long_reply(&self, writer: GUID, request: SampleIdentity, cdr: &[u8]) -> bool {
-        let topic = &self.spec.dds_topic;
-        let Some(rtps) = self.rtps().filter(|r| r.must_send(topic, cdr.len())) else {
-            return false;
-        };
-        let number = SequenceNumber::from(self.last_number.load(Relaxed) + 1);
-        rtps.send_reply((writer, number), topic, request, cdr);
-        true
-    }
-
-    /// What sends the RTPS messages that rustdds does not. Not locked afterwards: a participant that has deadlocked does not
-    /// answer.
-    fn rtps(&self) -> Option<Arc<RtpsSender>> {
-        let rtps = self.rtps.read().unwrap_or_else(PoisonError::into_inner);
-        rtps.clone()
-    }
-
-    /// Sets what sends the RTPS messages that rustdds does not. Only for the present DDS writer.
-    pub(super) fn set_rtps_sender(&self, rtps: Option<Arc<RtpsSender>>) {
-        *self.rtps.write().unwrap_or_else(PoisonError::into_inner) = rtps;
-    }
-
-    /// Waits until living subscribers of other participants have what was written, at most `patience`. rustdds would wait
+    /// Waits until living subscribers of other participants have what was written, at most `patience`. DDS would wait
     /// without them too.
     pub(super) fn wait_for_acknowledgments(&self, patience: Duration) {
-        if let Some(dds) = self.dds()
+        if let Some(wire) = self.wire()
             && self.spec.qos.is_reliable()
             && self.counters.remote.load(Relaxed) > 0
         {
-            self.acknowledge_for_own_readers(dds.guid(), self.last_number.load(Relaxed));
-            // A subscriber that has not acknowledged by then is dead or overloaded.
-            let _ = dds.wait_for_acknowledgments(patience);
+            wire.wait_for_acknowledgments(patience);
         }
     }
 
-    /// Replaces the DDS writer and returns the previous one.
-    pub(super) fn attach(&self, dds: Option<Arc<RawWriter>>) -> Option<Arc<RawWriter>> {
+    /// Replaces the wire and returns the previous one.
+    pub(super) fn attach<W: WireWriter + 'static>(
+        &self,
+        wire: Option<Arc<W>>,
+    ) -> Option<Arc<dyn WireWriter>> {
+        let wire = wire.map(|wire| wire as Arc<dyn WireWriter>);
         // Held until the end, so that what is published meanwhile goes to one of the two.
         let mut latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(new) = &dds {
+        if let Some(new) = &wire {
             if let Some(lifespan) = self.spec.qos.lifespan {
-                let now = rustdds::Timestamp::now();
-                latched.retain(|(published, _)| (now - *published).to_std() <= lifespan);
+                let now = Time::wall();
+                latched.retain(|(published, _)| now.since(*published) <= lifespan);
             }
             for (published, cdr) in latched.iter() {
-                if new.write(cdr.clone(), Some(*published)).is_err() {
+                if new.write(cdr.clone(), *published, None).is_none() {
                     self.counters.failed.fetch_add(1, Relaxed);
                 }
             }
-        }
-        if let Some(new) = &dds {
             let mut identity = self
                 .identity
                 .write()
                 .unwrap_or_else(PoisonError::into_inner);
-            *identity = new.guid().into();
+            *identity = new.gid();
         }
-        self.set_rtps_sender(None);
-        self.last_number.store(0, Relaxed);
-        let mut current = self.dds.write().unwrap_or_else(PoisonError::into_inner);
-        std::mem::replace(&mut *current, dds)
+        let mut current = self.wire.write().unwrap_or_else(PoisonError::into_inner);
+        std::mem::replace(&mut *current, wire)
+    }
+
+    /// Takes the wire away and returns it.
+    pub(super) fn detach(&self) -> Option<Arc<dyn WireWriter>> {
+        let _latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut current = self.wire.write().unwrap_or_else(PoisonError::into_inner);
+        current.take()
     }
 }
-
-/// After how many samples subscriptions of the same participant acknowledge: well below the 8192 after which rustdds waits.
-const ACKNOWLEDGED: i64 = 1024;
 
 /// A GID that no participant uses: its prefix is not that of a DDS vendor.
 fn unused_gid() -> Gid {
@@ -418,7 +378,7 @@ pub(super) trait Inbox: Send + Sync {
 pub(super) enum Origin {
     /// From a publisher of the same participant, in memory.
     Local,
-    /// From another participant, through DDS.
+    /// From another participant, through the transport.
     Remote,
 }
 
@@ -488,6 +448,15 @@ impl Reader {
         }
     }
 
+    /// The same with a sample of another participant; logs that it is not of the expected type.
+    pub(super) fn receive_remote(self: &Arc<Self>, sample: RawSample, graph: &GraphCache) {
+        let (publisher, length) = (sample.publisher, sample.cdr.len());
+        if !self.receive(sample.into(), Origin::Remote) {
+            let problem = not_of_type(&self.spec, length);
+            self.report_invalid(graph, Some(publisher), &problem);
+        }
+    }
+
     /// Logs an invalid sample, unless that has been said often enough.
     pub(super) fn report_invalid(&self, graph: &GraphCache, publisher: Option<Gid>, problem: &str) {
         let invalid = self.invalid.lock();
@@ -517,6 +486,12 @@ pub(super) struct Endpoints {
 pub(super) struct Member {
     pub(super) name: Arc<NodeName>,
     pub(super) stop_state: Arc<StopState>,
+}
+
+/// Detaches every wire, so that the session can end when they are dropped.
+pub(super) fn detach(endpoints: &Endpoints) -> Vec<Arc<dyn WireWriter>> {
+    let writers = endpoints.writers.iter();
+    writers.filter_map(|writer| writer.detach()).collect()
 }
 
 impl Endpoints {

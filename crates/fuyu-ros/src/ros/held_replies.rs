@@ -46,12 +46,6 @@ impl ReplyReader {
                 .any(|m| participant(*m) == participant(publisher)),
         }
     }
-
-    /// Whether the client belongs to the participant of `endpoint`.
-    pub(super) fn is_with(self, endpoint: Gid) -> bool {
-        let (Self::Named(client) | Self::In(client)) = self;
-        participant(client) == participant(endpoint)
-    }
 }
 
 /// GUID prefix: the part of a GUID that names the participant.

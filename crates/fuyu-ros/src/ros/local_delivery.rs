@@ -1,6 +1,6 @@
 //! Delivery inside a participant: messages of its publishers reach its subscriptions in memory.
 //!
-//! A participant does not exchange messages with itself over DDS (on loopback it cannot, docs/upstream.md; elsewhere the
+//! A participant does not exchange messages with itself over its transport (DDS on loopback cannot, docs/upstream.md; elsewhere the
 //! receiving thread drops what comes from its own participant). Instead a publisher passes each message to the
 //! subscriptions of its topic in the same participant, in the thread that publishes, before it goes to DDS for the others.
 //! Subscriptions of the same Rust type share one copy; those that know the type by name only share the serialized bytes.
@@ -8,9 +8,9 @@
 //! Endpoints are matched by the rules of DDS: same topic and type, and an offered quality of service that satisfies the
 //! requested one. The lock of a topic is held while a message enters the queues of its subscriptions, so that all get the
 //! messages of a publisher in the same order, and a late joiner gets each kept message once. Nothing is logged, no handler
-//! runs and nothing of rustdds is called meanwhile.
+//! runs and nothing of the transport is called meanwhile.
 
-use rustdds::{GUID, SequenceNumber, bytes::Bytes, rpc::SampleIdentity};
+use bytes::Bytes;
 use std::{
     any::Any,
     collections::{HashMap, VecDeque},
@@ -22,6 +22,7 @@ use super::{
     Gid, Qos, RawSample, Time,
     endpoint::{Destination, EndpointSpec, Origin, Reader, Writer},
     qos::{Durability, Liveliness},
+    sample::{ReplyPath, SampleIdentity},
 };
 
 /// A message of any Rust type.
@@ -49,7 +50,7 @@ pub(super) struct Outgoing<'a> {
     pub(super) message: Option<&'a dyn Fn() -> AnyMessage>,
     /// Identity of the related request, of services.
     pub(super) related: Option<SampleIdentity>,
-    /// Identity that DDS has given the sample, if it has been written already.
+    /// Identity that the transport has given the sample, if it has been written already.
     pub(super) identity: Option<SampleIdentity>,
 }
 
@@ -198,8 +199,8 @@ impl LocalTopic {
         let now = Time::wall();
         let gid = writer.identity();
         let identity = outgoing.identity.unwrap_or(SampleIdentity {
-            writer_guid: gid.into(),
-            sequence_number: SequenceNumber::from(state.sent),
+            writer: gid,
+            sequence_number: state.sent,
         });
         let sample = LocalSample {
             raw: RawSample {
@@ -210,6 +211,7 @@ impl LocalTopic {
                 sequence_number: state.sent,
                 related: outgoing.related,
                 identity,
+                reply_path: ReplyPath::Local,
             },
             message: outgoing.message.filter(|_| is_shared).map(|share| share()),
         };
@@ -225,15 +227,15 @@ impl LocalTopic {
         state.matched.len()
     }
 
-    /// DDS readers of the reliable subscriptions.
-    pub(super) fn reliable_readers(&self) -> Vec<GUID> {
+    /// Readers on the wire of the reliable subscriptions.
+    pub(super) fn reliable_readers(&self) -> Vec<Gid> {
         let members = self.lock();
         let reliable = members.readers.iter().filter(|r| r.spec.qos.is_reliable());
-        let mut guids: Vec<GUID> = reliable.filter_map(|r| Some(r.gid()?.into())).collect();
-        // Subscriptions share DDS readers.
-        guids.sort();
-        guids.dedup();
-        guids
+        let mut gids: Vec<Gid> = reliable.filter_map(|r| r.gid()).collect();
+        // Subscriptions share readers.
+        gids.sort();
+        gids.dedup();
+        gids
     }
 
     /// Whether a publisher with this GID is matched with a subscription.

@@ -21,10 +21,15 @@ use super::{RosArgs, Time, node_core::NodeCore};
 use crate::msg::rcl_interfaces::Log;
 
 /// Libraries with messages that do not concern users, mostly at shutdown, and their level unless `--log-level` names them.
-const QUIET: [(&str, LevelFilter); 3] = [
+const QUIET: [(&str, LevelFilter); 8] = [
     ("rustdds", LevelFilter::OFF),
     ("ros2_client", LevelFilter::OFF),
     ("foxglove", LevelFilter::WARN),
+    ("zenoh", LevelFilter::WARN),
+    ("zenoh_ext", LevelFilter::WARN),
+    ("zenoh_link_tcp", LevelFilter::WARN),
+    ("zenoh_link_tls", LevelFilter::WARN),
+    ("zenoh_transport", LevelFilter::WARN),
 ];
 
 thread_local! {

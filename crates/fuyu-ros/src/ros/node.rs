@@ -1,7 +1,7 @@
 //! The handle that a node's program uses.
 
 use std::{
-    sync::{Arc, PoisonError, atomic::Ordering},
+    sync::{Arc, atomic::Ordering},
     time::{Duration, Instant},
 };
 
@@ -9,7 +9,7 @@ use super::{
     Clock, Declare, Diagnostics, Domain, Gid, NodeError, NodeName, Publisher, Qos, RawPublisher,
     RawSample, RawSubscription, RosArgs, ServiceClient, Subscription, Time, Timer,
     discovery::{self, DiscoveredPublisher, LocalTopicUse},
-    endpoint::{Counters, EndpointSpec},
+    endpoint::{Counters, EndpointSpec, Role},
     node_core::NodeCore,
     params::ParameterStore,
     receive_queue::ReceiveQueue,
@@ -79,7 +79,23 @@ impl Node {
         type_name: &str,
         qos: Qos,
     ) -> Result<RawPublisher, NodeError> {
-        let spec = raw_spec(self.core.names.topic(topic)?, type_name, qos)?;
+        self.advertise_recorded(topic, type_name, None, qos)
+    }
+
+    /// As [`Self::advertise_raw`], with the type hash that a bag or a peer states (`RIHS01_...`). Zenoh needs it where the
+    /// type is not known here: it is part of the name of the topic.
+    ///
+    /// # Errors
+    /// As [`Self::subscribe_raw`].
+    pub fn advertise_recorded(
+        &self,
+        topic: &str,
+        type_name: &str,
+        type_hash: Option<&str>,
+        qos: Qos,
+    ) -> Result<RawPublisher, NodeError> {
+        let mut spec = raw_spec(self.core.names.topic(topic)?, type_name, qos)?;
+        spec.stated_hash = type_hash.map(str::to_owned);
         let writer = self.core.add_writer(spec)?;
         Ok(RawPublisher::new(Arc::clone(&self.core), writer))
     }
@@ -128,7 +144,9 @@ impl Node {
         handler: impl Fn(RawSample) + Send + Sync + 'static,
     ) -> Result<RawSubscription, NodeError> {
         let topic = publisher.topic.clone();
-        self.subscribe_resolved(topic, &publisher.type_name, qos, handler)
+        let mut spec = raw_spec(topic, &publisher.type_name, qos)?;
+        spec.stated_hash.clone_from(&publisher.type_hash);
+        self.subscribe_spec(spec, Duration::ZERO, handler)
     }
 
     /// As [`Self::subscribe_raw`], to a topic by its full name, which is not remapped.
@@ -159,7 +177,15 @@ impl Node {
         patience: Duration,
         handler: impl Fn(RawSample) + Send + Sync + 'static,
     ) -> Result<RawSubscription, NodeError> {
-        let spec = raw_spec(name, type_name, qos)?;
+        self.subscribe_spec(raw_spec(name, type_name, qos)?, patience, handler)
+    }
+
+    fn subscribe_spec(
+        &self,
+        spec: EndpointSpec,
+        patience: Duration,
+        handler: impl Fn(RawSample) + Send + Sync + 'static,
+    ) -> Result<RawSubscription, NodeError> {
         let sink = move |sample: RawSample, _: &Counters| {
             handler(sample);
             true
@@ -260,8 +286,7 @@ impl Node {
     /// Messages that the node's endpoints have lost because they were too slow: topic and number, without those that have
     /// lost none.
     pub fn lost_messages(&self) -> Vec<(String, u64)> {
-        let endpoints = self.core.participant.endpoints.lock();
-        let endpoints = endpoints.unwrap_or_else(PoisonError::into_inner);
+        let endpoints = self.core.participant.endpoints();
         let own = |node: &Arc<NodeName>| Arc::ptr_eq(node, &self.core.name);
         let writers = endpoints.writers.iter().filter(|w| own(&w.node));
         let writers = writers.map(|w| (&w.spec, &w.counters));
@@ -374,5 +399,7 @@ fn raw_spec(name: String, type_name: &str, qos: Qos) -> Result<EndpointSpec, Nod
         definition: msg::find(type_name),
         internal: false,
         shared: false,
+        role: Role::Topic,
+        stated_hash: None,
     })
 }

@@ -1,6 +1,6 @@
-//! State of a node that its handle, endpoints and threads share; it outlives DDS participants.
+//! State of a node that its handle, endpoints and threads share; it outlives sessions.
 
-use rustdds::{bytes::Bytes, rpc::SampleIdentity};
+use bytes::Bytes;
 use std::{
     sync::{
         Arc, Mutex, OnceLock, PoisonError,
@@ -20,6 +20,7 @@ use super::{
     params::ParameterStore,
     participant::{Participant, Participants},
     publisher::SendQueue,
+    sample::SampleIdentity,
 };
 use crate::msg::{Interface, cdr, rosgraph_msgs};
 
@@ -160,26 +161,43 @@ impl NodeCore {
         self.participant.remove_reader(reader);
     }
 
-    /// Publishes a message: in memory to this participant, over DDS to the others.
+    /// Publishes a message: in memory to this participant, through the transport to the others.
     pub(super) fn publish<M: Interface>(&self, writer: &Arc<Writer>, message: &M) {
         let share = || -> AnyMessage { Arc::new(message.clone()) };
-        self.publish_bytes(writer, cdr::encode(message).into(), Some(&share), None);
+        self.publish_bytes(writer, cdr::encode(message).into(), Some(&share));
     }
 
     /// The same with a message that is CDR already.
     pub(super) fn publish_cdr(&self, writer: &Arc<Writer>, cdr: Bytes) {
-        self.publish_bytes(writer, cdr, None, None);
+        self.publish_bytes(writer, cdr, None);
     }
 
-    /// Sends the response to a request.
+    /// Sends the response to a request of a client in the same participant.
+    pub(super) fn reply_locally<M: Interface>(
+        &self,
+        writer: &Arc<Writer>,
+        response: &M,
+        question: SampleIdentity,
+    ) {
+        let outgoing = Outgoing {
+            cdr: cdr::encode(response).into(),
+            message: None,
+            related: Some(question),
+            identity: None,
+        };
+        writer.local.deliver(writer, outgoing);
+        writer.counters.count();
+    }
+
+    /// Sends the response to a request of a client in another participant.
     pub(super) fn reply<M: Interface>(
         &self,
         writer: &Arc<Writer>,
         response: &M,
         question: SampleIdentity,
     ) {
-        let cdr: Bytes = cdr::encode(response).into();
-        self.publish_bytes(writer, cdr, None, Some(question));
+        let cdr = cdr::encode(response).into();
+        self.send_queue.push(writer, cdr, Some(question));
     }
 
     fn publish_bytes(
@@ -187,22 +205,18 @@ impl NodeCore {
         writer: &Arc<Writer>,
         cdr: Bytes,
         message: Option<&dyn Fn() -> AnyMessage>,
-        related: Option<SampleIdentity>,
     ) {
         let outgoing = Outgoing {
             cdr: cdr.clone(),
             message,
-            related,
+            related: None,
             identity: None,
         };
         writer.local.deliver(writer, outgoing);
-        // The client of this participant has its response.
-        let is_answered = related.is_some_and(|q| writer.is_of_participant(q.writer_guid));
-        if is_answered || !writer.is_needed_by_dds() {
-            writer.counters.count();
-            return;
+        match writer.is_needed_elsewhere() {
+            true => self.send_queue.push(writer, cdr, None),
+            false => writer.counters.count(),
         }
-        self.send_queue.push(writer, cdr, related);
     }
 
     /// Changes between the computer's time and that of `/clock`, which is subscribed to from then on.

@@ -1,10 +1,9 @@
-//! A DDS participant that the nodes of a process share, with their endpoints. It outlives the connections to DDS.
+//! A participant that the nodes of a process share, with their endpoints. It outlives the sessions of its transport.
 //!
-//! Three locks, never taken in another order: the connection, which is held while rustdds creates an endpoint; the endpoints;
+//! Three locks, never taken in another order: the connection, which is held while the transport creates an endpoint; the endpoints;
 //! a topic inside the participant ([`LocalTopic`](super::local_delivery::LocalTopic)). Messages are delivered, sent and
-//! received without the first one, and rustdds destroys endpoints without any.
+//! received without the first one, and the transport destroys endpoints without any.
 
-use rustdds::DomainParticipant;
 use std::{
     collections::BTreeSet,
     panic::{AssertUnwindSafe, catch_unwind},
@@ -16,21 +15,20 @@ use std::{
 use super::{
     Domain, Gid, NodeError, NodeName,
     discovery::{self, DiscoveredPublisher, LocalTopicUse},
-    discovery_settling::DiscoverySettling,
-    endpoint::{Destination, EndpointSpec, Endpoints, Member, Reader, Writer},
-    graph_cache::{GraphCache, warn_of_namesake},
+    endpoint::{self, Destination, EndpointSpec, Endpoints, Member, Reader, Writer},
+    graph_cache::warn_of_namesake,
     invalid_samples::not_of_type,
     local_delivery::{LocalTopics, Mismatch},
-    participant_watchdog::{AbandonedParticipant, EntityError},
-    session::Session,
     signals,
-    static_peers::StaticPeers,
+    transport::{
+        AbandonedSession, Discovery, Middleware, Session, Shared, Transport, TransportError,
+    },
 };
 
-/// DDS participants that are tried, one after the other, before a node fails.
-const MAX_PARTICIPANTS: usize = 5;
+/// Sessions that are tried, one after the other, before a node fails.
+const MAX_SESSIONS: usize = 5;
 
-/// Pause before the next participant is tried.
+/// Pause before the next session is tried.
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// How long the end of a subscription waits for its handler.
@@ -42,15 +40,15 @@ enum Connection {
     /// Not connected yet, or no more because DDS failed; it may connect.
     #[default]
     Disconnected,
-    Connected(Box<Session>),
+    Connected(Box<dyn Session>),
     /// Left the graph for good, with the last node; a new participant would never be closed.
     Closed,
 }
 
 impl Connection {
-    fn session(&mut self) -> Option<&mut Session> {
+    fn session(&mut self) -> Option<&mut (dyn Session + 'static)> {
         match self {
-            Self::Connected(session) => Some(session),
+            Self::Connected(session) => Some(&mut **session),
             Self::Disconnected | Self::Closed => None,
         }
     }
@@ -62,30 +60,26 @@ type Watcher = Arc<dyn Fn(&LocalTopicUse) + Send + Sync>;
 /// One participant and its nodes.
 pub(super) struct Participant {
     domain: Domain,
-    static_peers: StaticPeers,
+    transport: Arc<dyn Transport>,
     connection: Mutex<Connection>,
-    /// The DDS participant, for questions that must not wait for the connection.
-    dds: Mutex<Option<DomainParticipant>>,
-    pub(super) endpoints: Arc<Mutex<Endpoints>>,
+    /// For questions that must not wait for the connection.
+    discovery: Mutex<Option<Arc<dyn Discovery>>>,
+    pub(super) shared: Shared,
     topics: LocalTopics,
-    graph: Arc<GraphCache>,
-    settling: Arc<DiscoverySettling>,
     /// Discovered topics and types against the rules of ROS that a warning was logged for.
     warned_topics: Mutex<BTreeSet<(String, String)>>,
     watchers: Mutex<Vec<(Member, Watcher)>>,
 }
 
 impl Participant {
-    pub(super) fn new(domain: Domain, static_peers: StaticPeers) -> Self {
+    pub(super) fn new(domain: Domain, middleware: &Middleware) -> Self {
         Self {
             domain,
-            static_peers,
+            transport: middleware.transport(domain),
             connection: Mutex::default(),
-            dds: Mutex::default(),
-            endpoints: Arc::default(),
+            discovery: Mutex::default(),
+            shared: Shared::default(),
             topics: LocalTopics::default(),
-            graph: Arc::default(),
-            settling: Arc::default(),
             warned_topics: Mutex::default(),
             watchers: Mutex::default(),
         }
@@ -102,22 +96,20 @@ impl Participant {
             .unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn endpoints(&self) -> MutexGuard<'_, Endpoints> {
-        self.endpoints
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
+    pub(super) fn endpoints(&self) -> MutexGuard<'_, Endpoints> {
+        let endpoints = self.shared.endpoints.lock();
+        endpoints.unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn dds(&self) -> Option<DomainParticipant> {
-        let dds = self.dds.lock().unwrap_or_else(PoisonError::into_inner);
-        dds.clone()
+    fn discovery(&self) -> Option<Arc<dyn Discovery>> {
+        let discovery = self.discovery.lock();
+        discovery.unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    fn set_dds(&self, new: Option<DomainParticipant>) {
-        let mut dds = self.dds.lock().unwrap_or_else(PoisonError::into_inner);
-        let old = std::mem::replace(&mut *dds, new);
-        drop(dds);
-        drop(old);
+    fn set_discovery(&self, new: Option<Arc<dyn Discovery>>) -> Option<Arc<dyn Discovery>> {
+        let discovery = self.discovery.lock();
+        let mut discovery = discovery.unwrap_or_else(PoisonError::into_inner);
+        std::mem::replace(&mut *discovery, new)
     }
 
     /// Adds a node; the first one connects. Returns false if the last node has left already.
@@ -130,16 +122,16 @@ impl Participant {
         match connection.session() {
             Some(session) => session.announce(),
             None => {
-                let connected = self.connect(&mut connection, AbandonedParticipant::default());
+                let connected = self.connect(&mut connection, AbandonedSession::default());
                 if let Err(e) = connected {
                     let nodes = &mut self.endpoints().nodes;
                     nodes.retain(|n| !Arc::ptr_eq(&n.name, &node.name));
-                    return Err(NodeError::dds(&node.name, "join the DDS domain", e));
+                    return Err(NodeError::dds(&node.name, "join the graph", e));
                 }
             }
         }
         drop(connection);
-        if self.graph.add_own_node(&node.name) {
+        if self.shared.graph.add_own_node(&node.name) {
             warn_of_namesake(&node.name.full());
         }
         Ok(true)
@@ -179,28 +171,28 @@ impl Participant {
         for reader in readers {
             reader.local.remove_reader(&reader);
         }
-        self.graph.remove_own_node(node);
+        self.shared.graph.remove_own_node(node);
         let mut watchers = self.watchers();
         watchers.retain(|(watcher, _)| !Arc::ptr_eq(&watcher.name, node));
         drop(watchers);
         if is_last {
-            self.set_dds(None);
+            drop(self.set_discovery(None));
         }
-        // Without locks: rustdds may take its time.
+        // Without locks: the transport may take its time.
         drop(detached);
         drop(closed);
     }
 
-    /// Creates a new DDS participant with all endpoints in place of the present one, which no longer works. Returns false
+    /// Opens a new session with all endpoints in place of the present one, which no longer works. Returns false
     /// if there is none.
     pub(super) fn reconnect(&self) -> Result<bool, NodeError> {
         let mut connection = self.connection();
         if connection.session().is_none() {
             return Ok(false);
         }
-        let connected = self.connect(&mut connection, AbandonedParticipant::default());
+        let connected = self.connect(&mut connection, AbandonedSession::default());
         let nodes = self.node_names().join(", ");
-        connected.map_err(|e| NodeError::dds(nodes, "join the DDS domain again", e))?;
+        connected.map_err(|e| NodeError::dds(nodes, "join the graph again", e))?;
         Ok(true)
     }
 
@@ -215,14 +207,18 @@ impl Participant {
         }
     }
 
-    /// Which peer has returned after the end of its lease, for the log; once per loss.
+    /// Which peer has returned after it was lost, for the log; once per loss.
     fn take_returned_peer(&self) -> Option<String> {
         // Somebody who connects or creates an endpoint must not be waited for; the next call will find it.
-        let lost_peers = self.connection.try_lock().ok()?.session()?.lost_peers();
-        lost_peers.take_returned(|| {
-            let peers = self.static_peers.addresses();
-            signals::with_blocked(|| self.domain.participant(&peers))
-        })
+        drop(self.connection.try_lock().ok()?);
+        self.discovery()?.take_returned_peer()
+    }
+
+    /// The same as [`Self::reconnect`], if an interruption of the process or of its time breaks the session.
+    fn reconnect_after_interruption(&self, reason: &str) {
+        if self.transport.breaks_when_interrupted() {
+            self.reconnect_and_log(reason);
+        }
     }
 
     /// Connects if an earlier attempt failed. Returns whether it has connected.
@@ -235,38 +231,36 @@ impl Participant {
         matches!(*connection, Connection::Disconnected)
             && has_nodes
             && self
-                .connect(&mut connection, AbandonedParticipant::default())
+                .connect(&mut connection, AbandonedSession::default())
                 .is_ok()
     }
 
-    /// Connects, in place of a DDS participant that may have deadlocked.
+    /// Connects, in place of a session that may have deadlocked.
     fn connect(
         &self,
         connection: &mut Connection,
-        mut old: AbandonedParticipant,
-    ) -> Result<(), EntityError> {
+        mut old: AbandonedSession,
+    ) -> Result<(), TransportError> {
         // Its drop may wait for threads that have ended, so it is dropped elsewhere.
         if let Connection::Connected(session) = std::mem::take(connection) {
-            let dds = self.dds();
-            self.set_dds(None);
-            old.keep((Session::detach(&self.endpoints()), session, dds));
+            let discovery = self.set_discovery(None);
+            old.keep((endpoint::detach(&self.endpoints()), session, discovery));
         }
         drop(old);
-        let place = (self.domain, &self.static_peers);
-        let open = || Session::open(place, &self.endpoints, &self.graph, &self.settling);
+        let open = || self.transport.open(&self.shared);
         let mut new = signals::with_blocked(open);
-        for _ in 1..MAX_PARTICIPANTS {
+        for _ in 1..MAX_SESSIONS {
             match new {
-                Ok(_) | Err(EntityError::NoDescriptors(_)) => break,
-                Err(EntityError::Deadlocked(_)) => {}
+                Ok(_) | Err(TransportError::NoDescriptors(_)) => break,
+                Err(TransportError::Deadlocked(_)) => {}
                 // A signal can end the threads of a new participant too.
-                Err(EntityError::Dds(_)) => thread::sleep(PAUSE),
+                Err(TransportError::Other(_)) => thread::sleep(PAUSE),
             }
             new = signals::with_blocked(open);
         }
         let session = new?;
-        self.set_dds(Some(session.participant().clone()));
-        *connection = Connection::Connected(Box::new(session));
+        self.set_discovery(Some(session.discovery()));
+        *connection = Connection::Connected(session);
         Ok(())
     }
 
@@ -277,7 +271,7 @@ impl Participant {
     ) -> Result<Arc<Writer>, NodeError> {
         let topic = self.topics.topic(&spec.dds_topic);
         let writer = Arc::new(Writer::new(spec, Arc::clone(node), topic));
-        self.settling.wait();
+        self.transport.settle();
         let mut connection = self.connection();
         let mut endpoints = self.endpoints();
         if !endpoints.has_node(node) {
@@ -308,7 +302,7 @@ impl Participant {
     ) -> Result<Arc<Reader>, NodeError> {
         let topic = self.topics.topic(&spec.dds_topic);
         let reader = Arc::new(Reader::new(spec, Arc::clone(node), destination, topic));
-        self.settling.wait();
+        self.transport.settle();
         let mut connection = self.connection();
         let mut endpoints = self.endpoints();
         if !endpoints.has_node(node) {
@@ -335,7 +329,7 @@ impl Participant {
         Ok(reader)
     }
 
-    /// Replaces the DDS participant when an endpoint cannot be added: it may have deadlocked, or a signal may have ended its
+    /// Replaces the session when an endpoint cannot be added: it may have deadlocked, or a signal may have ended its
     /// threads while the node was created. The new one has all endpoints including this one, or it is an error. Where only
     /// descriptors are missing, everything else stays as it is.
     fn reconnect_with_endpoint(
@@ -343,16 +337,16 @@ impl Participant {
         connection: &mut Connection,
         node: &NodeName,
         (verb, spec): (&str, &EndpointSpec),
-        why: EntityError,
+        why: TransportError,
     ) -> Result<(), NodeError> {
         let error = NodeError::dds(node, format!("{verb} {}", spec.name), &why);
         let old = match why {
-            EntityError::NoDescriptors(_) => return Err(error),
-            EntityError::Deadlocked(stuck) => {
+            TransportError::NoDescriptors(_) => return Err(error),
+            TransportError::Deadlocked(stuck) => {
                 tracing::warn!("{error}; joining the graph again");
                 stuck
             }
-            EntityError::Dds(_) => AbandonedParticipant::default(),
+            TransportError::Other(_) => AbandonedSession::default(),
         };
         self.connect(connection, old).map_err(|_| error)
     }
@@ -365,7 +359,7 @@ impl Participant {
         let detached = session.and_then(|session| session.remove_writer(writer));
         drop(connection);
         writer.local.remove_writer(writer);
-        // Without locks: rustdds may take its time.
+        // Without locks: the transport may take its time.
         drop(detached);
     }
 
@@ -390,10 +384,11 @@ impl Participant {
     /// Publishers of other nodes, in this and in other participants.
     pub(super) fn publishers(&self, node: &Arc<NodeName>) -> Vec<DiscoveredPublisher> {
         let mut publishers = self.local_publishers(node);
-        if let Some(dds) = self.dds() {
+        if let Some(discovery) = self.discovery() {
+            let found = discovery.publishers();
             let warned = self.warned_topics.lock();
             let mut warned = warned.unwrap_or_else(PoisonError::into_inner);
-            publishers.extend(discovery::publishers(&dds, node, &mut warned));
+            publishers.extend(discovery::publishers(found, node, &mut warned));
         }
         publishers
     }
@@ -456,7 +451,7 @@ impl Participant {
     /// Logs that a sample is not of the type of its subscription, unless that has been said often enough.
     pub(super) fn report_invalid(&self, reader: &Reader, publisher: Gid, length: usize) {
         let problem = not_of_type(&reader.spec, length);
-        reader.report_invalid(&self.graph, Some(publisher), &problem);
+        reader.report_invalid(&self.shared.graph, Some(publisher), &problem);
     }
 
     /// Full name of the node that `publisher` belongs to, if it is known.
@@ -466,7 +461,7 @@ impl Participant {
         let own = writers.find(|w| w.identity() == publisher);
         let own = own.map(|writer| writer.node.full());
         drop(endpoints);
-        own.or_else(|| self.graph.node_of(publisher))
+        own.or_else(|| self.shared.graph.node_of(publisher))
     }
 
     /// Full names of the nodes.
@@ -502,15 +497,15 @@ fn warn_of_mismatches(spec: &EndpointSpec, node: &NodeName, mismatches: &[Mismat
 #[derive(Default)]
 pub(super) struct Participants {
     all: Mutex<Vec<Weak<Participant>>>,
-    static_peers: StaticPeers,
+    middleware: Middleware,
 }
 
 impl Participants {
-    /// None yet; all will announce themselves to these peers.
-    pub(super) fn new(static_peers: StaticPeers) -> Self {
+    /// None yet; all will be connected by this middleware.
+    pub(super) fn new(middleware: Middleware) -> Self {
         Self {
             all: Mutex::default(),
-            static_peers,
+            middleware,
         }
     }
 
@@ -531,7 +526,7 @@ impl Participants {
                 return Ok(participant);
             }
         }
-        let new = Arc::new(Participant::new(domain, self.static_peers.clone()));
+        let new = Arc::new(Participant::new(domain, &self.middleware));
         new.add_node(node)?;
         all.push(Arc::downgrade(&new));
         Ok(new)
@@ -554,10 +549,10 @@ impl Participants {
         }
     }
 
-    /// Reconnects all participants whose nodes are not stopping ([`Participant::reconnect`]), for this reason.
-    pub(super) fn reconnect(&self, reason: &str) {
+    /// Reconnects all participants whose nodes are not stopping and whose session an interruption for this reason breaks.
+    pub(super) fn reconnect_after_interruption(&self, reason: &str) {
         for participant in self.working() {
-            participant.reconnect_and_log(reason);
+            participant.reconnect_after_interruption(reason);
         }
     }
 

@@ -4,7 +4,7 @@ use std::{
     panic::{AssertUnwindSafe, catch_unwind},
     process::ExitCode,
     sync::{
-        Arc, PoisonError,
+        Arc,
         mpsc::{self, RecvTimeoutError},
     },
     thread::{self, JoinHandle},
@@ -24,7 +24,7 @@ use super::{
     participant::Participants,
     service::ServiceServer,
     signals::{self, ProcessSignal, StopRequest, StopRequests},
-    static_peers::StaticPeers,
+    transport::Middleware,
     wall_clock_watch::WallClockWatch,
 };
 use crate::msg::{diagnostic_msgs::DiagnosticArray, rcl_interfaces::Log};
@@ -125,7 +125,7 @@ impl Process {
         descriptor_limit::raise();
         let domain = Domain::from_env(reach)?;
         let mut process = Self::new(args, domain);
-        process.participants = Arc::new(Participants::new(StaticPeers::from_env()?));
+        process.participants = Arc::new(Participants::new(Middleware::from_env()?));
         process.follow_signals()?;
         Ok((process, rest))
     }
@@ -146,6 +146,13 @@ impl Process {
             wall_clock: WallClockWatch::new(),
             checked: Instant::now(),
         }
+    }
+
+    /// Connects the nodes that are started from now on by another middleware than DDS without static peers.
+    #[must_use]
+    pub fn with_middleware(mut self, middleware: Middleware) -> Self {
+        self.participants = Arc::new(Participants::new(middleware));
+        self
     }
 
     /// Gives every node that is started from now on a DDS participant, with DDS between all of them.
@@ -193,7 +200,7 @@ impl Process {
                 }
             },
             ProcessSignal::Continued if !stops.is_stopping() => {
-                participants.reconnect("continued after a stop");
+                participants.reconnect_after_interruption("continued after a stop");
             }
             ProcessSignal::Continued => {}
         })
@@ -305,7 +312,7 @@ impl Process {
             // The report contains the worst since the last one.
             status.ok(reason.as_str());
         }
-        self.participants.reconnect(&reason);
+        self.participants.reconnect_after_interruption(&reason);
     }
 
     /// Runs until there is a reason to stop, then stops all nodes in order.
@@ -495,9 +502,8 @@ fn start_sending(core: &Arc<NodeCore>) -> Result<JoinHandle<()>, NodeError> {
             logging::enter(&sending);
             sending.send_queue.run(DIAGNOSTICS_PERIOD, || {
                 let now = sending.clock.now();
-                let endpoints = &sending.participant.endpoints;
                 let report = {
-                    let endpoints = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
+                    let endpoints = sending.participant.endpoints();
                     let own = endpoints.writers.iter();
                     let own = own.filter(|w| Arc::ptr_eq(&w.node, &sending.name));
                     own.for_each(|w| w.held.expire());

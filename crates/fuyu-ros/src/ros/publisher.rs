@@ -1,6 +1,6 @@
 //! Publishing without blocking: a bounded send queue and one sending thread per node.
 
-use rustdds::{bytes::Bytes, rpc::SampleIdentity};
+use bytes::Bytes;
 use std::{
     collections::VecDeque,
     marker::PhantomData,
@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::{Qos, endpoint::Writer, node_core::NodeCore};
+use super::{Qos, Time, endpoint::Writer, node_core::NodeCore, sample::SampleIdentity};
 use crate::msg::Interface;
 
 /// Smallest queue of a reliable publisher: room for messages that accumulate while DDS waits for a slow subscriber.
@@ -113,7 +113,7 @@ impl RawPublisher {
 struct Outgoing {
     writer: Arc<Writer>,
     cdr: Bytes,
-    published: rustdds::Timestamp,
+    published: Time,
     related: Option<SampleIdentity>,
 }
 
@@ -141,7 +141,7 @@ impl SendQueue {
     }
 
     pub(super) fn push(&self, writer: &Arc<Writer>, cdr: Bytes, related: Option<SampleIdentity>) {
-        let published = rustdds::Timestamp::now();
+        let published = Time::wall();
         let mut queue = self.lock();
         // Nothing waits, and a best-effort write does not block: writing here costs less than waking a thread.
         let is_free = queue.running && queue.items.is_empty() && queue.sending.is_none();

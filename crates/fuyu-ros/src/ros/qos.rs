@@ -1,9 +1,5 @@
 //! Quality of service: the profiles of ROS 2, with all fields explicit.
 
-use rustdds::{
-    QosPolicies, QosPolicyBuilder,
-    policy::{self, Deadline, Lifespan, ResourceLimits},
-};
 use std::time::Duration;
 
 /// How many samples an endpoint keeps.
@@ -140,130 +136,14 @@ impl Qos {
     }
 }
 
-/// Longest time that one `write` may hold up a node's sending thread. A full window means that some
-/// subscriber is dead or drowned; the other topics of the node must not wait for it.
-const MAX_BLOCKING: Duration = Duration::from_millis(5);
-
 /// How many samples a reliable subscription keeps below its queue. After a lost datagram is repaired all
 /// that waited for it arrives at once, and rustdds drops samples beyond this limit (64 by default)
 /// before it can be taken. Seconds of any stream in the graph; a state message takes about a kilobyte.
-const KEPT: i32 = 4096;
+pub(super) const KEPT: i32 = 4096;
 /// The same for messages of a megabyte.
 const KEPT_LARGE: i32 = 64;
 
 /// How many samples a reliable subscription keeps for a program that is late.
 pub(super) const fn kept(large: bool) -> usize {
     (if large { KEPT_LARGE } else { KEPT }) as usize
-}
-
-impl Qos {
-    /// For a subscription. Messages of a `bulky` type would fill the memory long before they are many;
-    /// of them only the 64 of rustdds are kept.
-    pub(super) fn for_reader(&self, bulky: bool) -> QosPolicies {
-        let mut limits = QosPolicyBuilder::new();
-        if self.is_reliable() && !bulky {
-            limits = limits.resource_limits(ResourceLimits {
-                max_samples: KEPT,
-                max_instances: KEPT,
-                max_samples_per_instance: KEPT,
-            });
-        }
-        QosPolicies::from(self).modify_by(&limits.build())
-    }
-}
-
-impl From<&Qos> for QosPolicies {
-    fn from(q: &Qos) -> Self {
-        let lease_duration = dds_duration(q.liveliness_lease_duration);
-        QosPolicyBuilder::new()
-            .history(match q.history {
-                History::KeepLast => policy::History::KeepLast {
-                    depth: i32::try_from(q.depth).unwrap_or(i32::MAX),
-                },
-                History::KeepAll => policy::History::KeepAll,
-            })
-            .reliability(match q.reliability {
-                Reliability::BestEffort => policy::Reliability::BestEffort,
-                Reliability::Reliable => policy::Reliability::Reliable {
-                    max_blocking_time: dds_duration(Some(MAX_BLOCKING)),
-                },
-            })
-            .durability(match q.durability {
-                Durability::Volatile => policy::Durability::Volatile,
-                Durability::TransientLocal => policy::Durability::TransientLocal,
-            })
-            .liveliness(match q.liveliness {
-                Liveliness::Automatic => policy::Liveliness::Automatic { lease_duration },
-                Liveliness::ManualByTopic => policy::Liveliness::ManualByTopic { lease_duration },
-            })
-            .deadline(Deadline(dds_duration(q.deadline)))
-            .lifespan(Lifespan {
-                duration: dds_duration(q.lifespan),
-            })
-            .build()
-    }
-}
-
-fn dds_duration(d: Option<Duration>) -> rustdds::Duration {
-    match d {
-        None => rustdds::Duration::INFINITE,
-        Some(d) => rustdds::Duration::from_nanos(i64::try_from(d.as_nanos()).unwrap_or(i64::MAX)),
-    }
-}
-
-impl From<&QosPolicies> for Qos {
-    /// What a peer offers. DDS does not tell a peer's history; it reads as keep-last 10.
-    fn from(q: &QosPolicies) -> Self {
-        let (liveliness, lease) = match q.liveliness() {
-            Some(policy::Liveliness::ManualByTopic { lease_duration }) => {
-                (Liveliness::ManualByTopic, Some(lease_duration))
-            }
-            Some(
-                policy::Liveliness::Automatic { lease_duration }
-                | policy::Liveliness::ManualByParticipant { lease_duration },
-            ) => (Liveliness::Automatic, Some(lease_duration)),
-            None => (Liveliness::Automatic, None),
-        };
-        let finite = |d: rustdds::Duration| (d != rustdds::Duration::INFINITE).then(|| d.to_std());
-        Self {
-            reliability: match q.reliability() {
-                Some(policy::Reliability::Reliable { .. }) => Reliability::Reliable,
-                _ => Reliability::BestEffort,
-            },
-            durability: match q.durability() {
-                None | Some(policy::Durability::Volatile) => Durability::Volatile,
-                Some(_) => Durability::TransientLocal,
-            },
-            deadline: q.deadline().and_then(|d| finite(d.0)),
-            lifespan: q.lifespan().and_then(|l| finite(l.duration)),
-            liveliness,
-            liveliness_lease_duration: lease.and_then(finite),
-            ..Self::RELIABLE
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    // What peers are matched by must survive the way to DDS and back.
-    #[test]
-    fn profiles_survive_dds() {
-        for q in [
-            Qos::RELIABLE,
-            Qos::SENSOR_DATA,
-            Qos::LATCHED,
-            Qos::ROSOUT,
-            Qos {
-                deadline: Some(Duration::from_millis(250)),
-                liveliness: Liveliness::ManualByTopic,
-                liveliness_lease_duration: Some(Duration::from_secs(2)),
-                ..Qos::RELIABLE
-            },
-        ] {
-            let back = Qos::from(&QosPolicies::from(&q));
-            assert_eq!(back, Qos { depth: 10, ..q });
-        }
-    }
 }

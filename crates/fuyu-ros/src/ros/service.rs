@@ -1,6 +1,5 @@
 //! Services: a request topic, a reply topic, and the sample identity that links a reply to its request.
 
-use rustdds::{SequenceNumber, rpc::SampleIdentity};
 use std::{
     collections::VecDeque,
     marker::PhantomData,
@@ -9,38 +8,58 @@ use std::{
 
 use super::{
     NodeError, Qos, RawSample,
-    endpoint::{Counters, EndpointSpec, Reader, Writer},
-    held_replies::ReplyReader,
+    endpoint::{Counters, EndpointSpec, Reader, Role, Writer},
     node_core::NodeCore,
     publisher::LAST_MESSAGES,
+    sample::{ReplyPath, SampleIdentity},
 };
-use crate::msg::{Interface, Service, cdr};
+use crate::msg::{Interface, Service, ServiceDefinition, cdr};
 
 /// Calls that may wait for the program; further ones get no reply.
 const WAITING: usize = 64;
 
-/// Prefix and suffix of a DDS topic and suffix of its type, for one direction of a service.
-pub(super) type Direction = (&'static str, &'static str, &'static str);
+/// One direction of a service: prefix and suffix of a DDS topic, suffix of its type, and what the samples are.
+pub(super) struct Direction {
+    prefix: &'static str,
+    suffix: &'static str,
+    part: &'static str,
+    role: fn(ServiceDefinition) -> Role,
+}
 /// From the client to the server.
-pub(super) const REQUEST: Direction = ("rq", "Request", "Request");
+pub(super) const REQUEST: Direction = Direction {
+    prefix: "rq",
+    suffix: "Request",
+    part: "Request",
+    role: Role::Request,
+};
 /// From the server to the client.
-pub(super) const REPLY: Direction = ("rr", "Reply", "Response");
+pub(super) const REPLY: Direction = Direction {
+    prefix: "rr",
+    suffix: "Reply",
+    part: "Response",
+    role: Role::Reply,
+};
 
 /// Topic, type and QoS of one direction of a service.
-pub(super) fn service_spec<S: Service>(
-    full_name: &str,
-    (prefix, suffix, part): Direction,
-) -> EndpointSpec {
+pub(super) fn service_spec<S: Service>(full_name: &str, direction: Direction) -> EndpointSpec {
+    let Direction {
+        prefix,
+        suffix,
+        part,
+        role,
+    } = direction;
     let kind = S::Request::DEFINITION.kind.name();
     EndpointSpec {
         name: full_name.to_owned(),
         dds_topic: format!("{prefix}{full_name}{suffix}"),
         dds_type: format!("{}::{kind}::dds_::{}_{part}_", S::PACKAGE, S::NAME),
         qos: Qos::SERVICES,
-        // Peers state the hash of the whole service, which is not computed here.
+        // Peers of DDS state the hash of the whole service.
         definition: None,
         internal: true,
         shared: false,
+        role: role(ServiceDefinition::of::<S>()),
+        stated_hash: None,
     }
 }
 
@@ -69,10 +88,7 @@ impl ServiceServer {
                 core: Weak::clone(&weak),
                 writer: Arc::clone(&replies),
                 question: question(&sample),
-                client: ReplyReader::new(
-                    sample.related.map(|stated| stated.writer_guid.into()),
-                    sample.publisher,
-                ),
+                path: sample.reply_path,
                 service: PhantomData,
             };
             handler(request, reply);
@@ -111,27 +127,30 @@ pub struct Reply<S> {
     core: Weak<NodeCore>,
     writer: Arc<Writer>,
     question: SampleIdentity,
-    client: ReplyReader,
+    path: ReplyPath,
     service: PhantomData<fn(S)>,
 }
 
 impl<S: Service> Reply<S> {
-    /// Sends the response, as soon as the client has been matched.
+    /// Sends the response, as soon as the client can receive it.
     pub fn send(self, response: &S::Response) {
         let Some(core) = self.core.upgrade() else {
             return;
         };
-        if self.client.is_with(self.writer.identity()) {
-            return core.reply(&self.writer, response, self.question);
-        }
-        let response = response.clone();
-        let writer = Arc::clone(&self.writer);
-        let send = move || {
-            if let Some(core) = self.core.upgrade() {
-                core.reply(&self.writer, &response, self.question);
+        match self.path {
+            ReplyPath::Local => core.reply_locally(&self.writer, response, self.question),
+            ReplyPath::Wire => core.reply(&self.writer, response, self.question),
+            ReplyPath::Matched(client) => {
+                let response = response.clone();
+                let writer = Arc::clone(&self.writer);
+                let send = move || {
+                    if let Some(core) = self.core.upgrade() {
+                        core.reply(&self.writer, &response, self.question);
+                    }
+                };
+                writer.held.send(client, &writer.counters, send);
             }
-        };
-        writer.held.send(self.client, &writer.counters, send);
+        }
     }
 }
 
@@ -184,7 +203,7 @@ impl<S: Service> Calls<S> {
 /// number, which is then that of the sample. Without any statement it is the identity of the sample.
 fn question(sample: &RawSample) -> SampleIdentity {
     let mut question = sample.related.unwrap_or(sample.identity);
-    if question.sequence_number == SequenceNumber::UNKNOWN {
+    if question.sequence_number == SampleIdentity::UNKNOWN_NUMBER {
         question.sequence_number = sample.identity.sequence_number;
     }
     question

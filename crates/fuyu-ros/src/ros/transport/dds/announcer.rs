@@ -7,10 +7,11 @@ use ros2_client::{
 use rustdds::{DomainParticipant, QosPolicies, RTPSEntity, TopicKind, no_key::DataWriterCdr};
 use std::sync::Arc;
 
-use super::{
+use super::participant_watchdog;
+use crate::ros::{
     Gid, Qos,
     endpoint::{Endpoints, Member},
-    participant_watchdog::{self, EntityError},
+    transport::TransportError,
 };
 
 /// Name and type of the DDS topic.
@@ -29,7 +30,7 @@ impl Announcer {
     pub(super) fn new(
         participant: &DomainParticipant,
         publisher: &rustdds::Publisher,
-    ) -> Result<Self, EntityError> {
+    ) -> Result<Self, TransportError> {
         let qos = QosPolicies::from(&Qos::LATCHED);
         let publisher = publisher.clone();
         let writer = participant_watchdog::create(participant, move |participant| {

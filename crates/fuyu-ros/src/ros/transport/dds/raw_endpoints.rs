@@ -1,61 +1,23 @@
 //! DDS endpoints that carry serialized messages as bytes.
 
 use rustdds::{
-    RepresentationIdentifier,
+    RepresentationIdentifier, SequenceNumber,
     bytes::{BufMut, Bytes, BytesMut},
     no_key::{
         Decode, DefaultDecoder, DeserializedCacheChange, DeserializerAdapter, SerializerAdapter,
     },
-    rpc::SampleIdentity,
+    rpc,
 };
 use std::convert::Infallible;
 
-use super::Time;
-
-/// Identity of a publisher or subscription on the wire.
-pub use ros2_client::Gid;
+use crate::ros::{
+    Gid, RawSample, Time,
+    held_replies::ReplyReader,
+    sample::{ReplyPath, SampleIdentity},
+};
 
 /// Length of the encapsulation header before every CDR payload.
 const HEADER: usize = 4;
-
-/// A received message in serialized form.
-#[derive(Debug, Clone)]
-pub struct RawSample {
-    /// Encapsulation header and CDR, as a bag stores them.
-    pub cdr: Bytes,
-    /// Time of publication by the wall clock of the publisher, if it states one.
-    pub source_time: Option<Time>,
-    /// Time of arrival (wall clock).
-    pub received_time: Time,
-    /// The publisher.
-    pub publisher: Gid,
-    /// Sequence number of the publisher.
-    pub sequence_number: i64,
-    /// Identity of the related request, of services.
-    pub(super) related: Option<SampleIdentity>,
-    /// Identity of this sample.
-    pub(super) identity: SampleIdentity,
-}
-
-#[cfg(test)]
-impl RawSample {
-    pub(super) fn for_test(cdr: Bytes) -> Self {
-        let publisher = Gid::from([0; 16]);
-        let identity = SampleIdentity {
-            writer_guid: publisher.into(),
-            sequence_number: rustdds::SequenceNumber::from(1),
-        };
-        Self {
-            cdr,
-            source_time: None,
-            received_time: Time::ZERO,
-            publisher,
-            sequence_number: 1,
-            related: None,
-            identity,
-        }
-    }
-}
 
 /// Passes bytes to and from rustdds unchanged.
 #[derive(Debug, Clone, Copy)]
@@ -113,21 +75,51 @@ impl Decode<'_, Bytes> for CdrPassthrough {
     }
 }
 
+impl From<rpc::SampleIdentity> for SampleIdentity {
+    fn from(identity: rpc::SampleIdentity) -> Self {
+        Self {
+            writer: identity.writer_guid.into(),
+            sequence_number: identity.sequence_number.into(),
+        }
+    }
+}
+
+impl From<SampleIdentity> for rpc::SampleIdentity {
+    fn from(identity: SampleIdentity) -> Self {
+        Self {
+            writer_guid: identity.writer.into(),
+            sequence_number: SequenceNumber::from(identity.sequence_number),
+        }
+    }
+}
+
 impl From<DeserializedCacheChange<Bytes>> for RawSample {
     fn from(change: DeserializedCacheChange<Bytes>) -> Self {
+        let related = change.related_sample_identity().map(SampleIdentity::from);
+        let publisher = Gid::from(change.writer_guid());
+        let client = ReplyReader::new(related.map(|stated| stated.writer), publisher);
         Self {
             source_time: change.source_timestamp().and_then(to_time),
             received_time: to_time(change.receive_instant).unwrap_or_else(Time::wall),
-            publisher: change.writer_guid().into(),
+            publisher,
             sequence_number: i64::from(change.sequence_number),
-            related: change.related_sample_identity(),
+            related,
             identity: SampleIdentity {
-                writer_guid: change.writer_guid(),
-                sequence_number: change.sequence_number,
+                writer: publisher,
+                sequence_number: change.sequence_number.into(),
             },
+            reply_path: ReplyPath::Matched(client),
             cdr: change.into_value(),
         }
     }
+}
+
+/// The nearest RTPS timestamp, 32.32 fixed point seconds.
+pub(super) fn to_timestamp(time: Time) -> rustdds::Timestamp {
+    let nanos = time.as_nanos().max(0) as u64;
+    let (seconds, rest) = (nanos / 1_000_000_000, nanos % 1_000_000_000);
+    let fraction = ((rest << 32) + 500_000_000) / 1_000_000_000;
+    rustdds::Timestamp::from_ticks((seconds << 32) + fraction)
 }
 
 /// RTPS timestamps are 32.32 fixed point seconds; all ones mean "none".
@@ -140,4 +132,20 @@ fn to_time(t: rustdds::Timestamp) -> Option<Time> {
     Some(Time::from_nanos(
         (ticks >> 32) as i64 * 1_000_000_000 + nanos as i64,
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if a request without a number took one, or if times drifted on their way.
+    #[test]
+    fn numbers_and_times_survive_rtps() {
+        let unknown = i64::from(SequenceNumber::UNKNOWN);
+        assert_eq!(unknown, SampleIdentity::UNKNOWN_NUMBER);
+        for nanos in [1, 999_999_999, 1_700_000_000_123_456_789] {
+            let time = Time::from_nanos(nanos);
+            assert_eq!(to_time(to_timestamp(time)), Some(time));
+        }
+    }
 }

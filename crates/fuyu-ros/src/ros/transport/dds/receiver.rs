@@ -17,18 +17,22 @@ use std::{
 };
 
 use super::{
-    Gid, Qos, RawSample,
     announcer::{self, Announcer},
-    discovery::{Peers, report_status},
     discovery_settling::DiscoverySettling,
-    endpoint::{Endpoints, Origin, Reader},
-    graph_cache::GraphCache,
-    invalid_samples::not_of_type,
     lost_peers::LostPeers,
-    participant_watchdog::{self, EntityError},
-    qos::{Durability, History},
+    participant_watchdog,
+    peers::{Peers, report_status},
+    qos::for_reader,
     raw_endpoints::{CdrPassthrough, RawReader},
+    ros_discovery_info,
     rtps_sender::RtpsSender,
+};
+use crate::ros::{
+    Gid, Qos, RawSample,
+    endpoint::{Endpoints, Reader},
+    graph_cache::GraphCache,
+    qos::{Durability, History},
+    transport::{SequenceNumbers, TransportError},
 };
 
 pub(super) const WAKER: Token = Token(0);
@@ -62,8 +66,8 @@ pub(super) enum Request {
 pub(super) fn subscribe_to_announcements(
     participant: &DomainParticipant,
     subscriber: &rustdds::Subscriber,
-) -> Result<Box<RawReader>, EntityError> {
-    let qos = Qos::LATCHED.depth(ANNOUNCEMENTS_DEPTH).for_reader(false);
+) -> Result<Box<RawReader>, TransportError> {
+    let qos = for_reader(&Qos::LATCHED.depth(ANNOUNCEMENTS_DEPTH), false);
     let subscriber = subscriber.clone();
     let reader = participant_watchdog::create(participant, move |participant| {
         let (name, kind) = announcer::TOPIC;
@@ -171,7 +175,7 @@ impl Receiver {
         while let Some(change) = self.announcements.try_take_one().transpose() {
             if let Ok(change) = change {
                 let sample = RawSample::from(change);
-                self.graph.receive(sample.publisher, &sample.cdr);
+                ros_discovery_info::receive(&self.graph, sample.publisher, &sample.cdr);
             }
         }
     }
@@ -191,8 +195,8 @@ struct ReaderState {
     dds: Box<RawReader>,
     /// The subscriptions that it serves.
     readers: Vec<Arc<Reader>>,
-    /// The number of the last sample of each publisher.
-    last: HashMap<Gid, i64>,
+    /// The last sample of each publisher.
+    last: SequenceNumbers,
     /// What a late transient-local subscription gets: the last samples of each publisher, oldest first.
     kept: HashMap<Gid, VecDeque<RawSample>>,
 }
@@ -213,7 +217,7 @@ impl Readers {
         let mut state = ReaderState {
             dds,
             readers: vec![reader],
-            last: HashMap::new(),
+            last: SequenceNumbers::default(),
             kept: HashMap::new(),
         };
         for sample in earlier {
@@ -232,7 +236,7 @@ impl Readers {
             for kept in state.kept.values() {
                 let others = kept.len().saturating_sub(reader.spec.qos.depth.max(1));
                 for sample in kept.iter().skip(others) {
-                    deliver(&reader, sample, &self.graph);
+                    reader.receive_remote(sample.clone(), &self.graph);
                 }
             }
             state.readers.push(reader);
@@ -262,7 +266,7 @@ impl Readers {
     fn has_sample(&self, reader: GUID, writer: GUID) -> bool {
         let mut states = self.states.values();
         let state = states.find(|state| state.dds.guid() == reader);
-        state.is_some_and(|state| state.last.contains_key(&writer.into()))
+        state.is_some_and(|state| state.last.has_any_of(writer.into()))
     }
 
     fn take(&mut self, token: usize) {
@@ -295,13 +299,15 @@ impl ReaderState {
     }
 
     fn receive(&mut self, sample: RawSample, own: GUID, graph: &GraphCache) {
-        if sample.identity.writer_guid.prefix == own.prefix {
+        if GUID::from(sample.publisher).prefix == own.prefix {
             return;
         }
-        let missing = missing(&mut self.last, sample.publisher, sample.sequence_number);
+        let missing = self
+            .last
+            .missing_before(sample.publisher, sample.sequence_number);
         for reader in &self.readers {
             reader.counters.missing.fetch_add(missing, Relaxed);
-            deliver(reader, &sample, graph);
+            reader.receive_remote(sample.clone(), graph);
         }
         let qos = self.readers.first().map(|reader| reader.spec.reader_qos());
         let is_kept =
@@ -313,40 +319,5 @@ impl ReaderState {
             }
             kept.push_back(sample);
         }
-    }
-}
-
-/// Passes a sample of another process to a subscription.
-fn deliver(reader: &Arc<Reader>, sample: &RawSample, graph: &GraphCache) {
-    if !reader.receive(sample.clone().into(), Origin::Remote) {
-        let problem = not_of_type(&reader.spec, sample.cdr.len());
-        reader.report_invalid(graph, Some(sample.publisher), &problem);
-    }
-}
-
-/// Number of samples missing between the last one of a publisher and this one. Samples before the first one received here
-/// were not meant for this reader.
-fn missing(last: &mut HashMap<Gid, i64>, publisher: Gid, number: i64) -> u64 {
-    let before = last.entry(publisher).or_insert(number);
-    let gap = number.saturating_sub(*before).saturating_sub(1).max(0);
-    *before = number.max(*before);
-    gap as u64
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    // Would break if a late start, a repetition or another publisher's numbers counted as holes.
-    #[test]
-    fn missing_samples_are_counted_for_each_publisher() {
-        let gid = |n| Gid::from([n; 16]);
-        let mut last = HashMap::new();
-        let numbers = [(1, 40), (1, 41), (2, 7), (1, 45), (1, 45), (2, 8), (1, 46)];
-        let holes: Vec<_> = numbers
-            .iter()
-            .map(|&(publisher, number)| missing(&mut last, gid(publisher), number))
-            .collect();
-        assert_eq!(holes, [0, 0, 0, 3, 0, 0, 0]);
     }
 }

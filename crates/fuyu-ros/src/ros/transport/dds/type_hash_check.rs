@@ -4,7 +4,7 @@
 use rustdds::GUID;
 use std::collections::{HashMap, HashSet};
 
-use super::{NodeName, endpoint::EndpointSpec};
+use crate::ros::{NodeName, endpoint::EndpointSpec};
 
 /// Length prefix that rustdds leaves before user data (docs/upstream.md) \[bytes\].
 const LENGTH: usize = 4;

@@ -15,7 +15,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::context::DomainError;
+use crate::ros::context::DomainError;
 
 /// Participants of a peer that are announced to: those with the first ids, as discovery on one computer does.
 const PARTICIPANTS: u16 = 12;
@@ -49,7 +49,7 @@ const UDP_V4: u32 = 1;
 
 /// Computers that announcements are sent to in addition to multicast.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(super) struct StaticPeers {
+pub(in crate::ros::transport) struct StaticPeers {
     /// Addresses or host names.
     names: Vec<String>,
 }
@@ -59,7 +59,7 @@ impl StaticPeers {
     ///
     /// # Errors
     /// [`DomainError`] if it is not such a list.
-    pub(super) fn from_env() -> Result<Self, DomainError> {
+    pub(in crate::ros::transport) fn from_env() -> Result<Self, DomainError> {
         Self::parse(&std::env::var("ROS_STATIC_PEERS").unwrap_or_default())
     }
 

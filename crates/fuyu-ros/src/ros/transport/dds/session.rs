@@ -19,18 +19,25 @@ use std::{
 };
 
 use super::{
-    Domain, Gid, Qos, RawSample,
     announcer::Announcer,
+    dds_discovery::DdsDiscovery,
     discovery_settling::DiscoverySettling,
-    endpoint::{EndpointSpec, Endpoints, Reader, Writer},
-    graph_cache::GraphCache,
+    domain_participant,
     lost_peers::LostPeers,
-    participant_watchdog::{self, EntityError},
-    qos::Durability,
-    raw_endpoints::{CdrPassthrough, RawReader, RawWriter},
+    participant_watchdog,
+    qos::for_reader,
+    raw_endpoints::{CdrPassthrough, RawReader},
     receiver::{self, Receiver, Request},
+    ros_discovery_info,
     rtps_sender::RtpsSender,
     static_peers::StaticPeers,
+    writer::DdsWriter,
+};
+use crate::ros::{
+    Domain, Gid, Qos, RawSample,
+    endpoint::{self, EndpointSpec, Endpoints, Reader, Writer},
+    qos::Durability,
+    transport::{Discovery, Session, Shared, TransportError, WireWriter},
 };
 
 /// How long a new participant waits for the writers that an earlier one knew: those of a peer that is still there are known
@@ -39,14 +46,14 @@ const REDISCOVERY: Duration = Duration::from_millis(1500);
 const POLL: Duration = Duration::from_millis(5);
 
 /// A connected participant.
-pub(super) struct Session {
+pub(super) struct DdsSession {
     participant: DomainParticipant,
     publisher: rustdds::Publisher,
     subscriber: rustdds::Subscriber,
     /// By name and type.
     topics: HashMap<(String, String), Topic>,
     /// DDS writers that nodes share, by topic.
-    shared_writers: HashMap<String, Weak<RawWriter>>,
+    shared_writers: HashMap<String, Weak<DdsWriter>>,
     /// DDS readers that subscriptions share ([`EndpointSpec::reader_key`]), and how many do.
     shared_readers: HashMap<String, (Gid, usize)>,
     /// Topics that have or had a DDS reader.
@@ -55,34 +62,34 @@ pub(super) struct Session {
     requests: mpsc::Sender<Request>,
     waker: Arc<Waker>,
     rtps: Option<Arc<RtpsSender>>,
-    lost_peers: Arc<LostPeers>,
+    discovery: Arc<DdsDiscovery>,
     stop: Arc<AtomicBool>,
     receiver: Option<JoinHandle<()>>,
 }
 
-impl Session {
+impl DdsSession {
     /// A participant with every endpoint of `endpoints`. Threads inherit the caller's signal mask.
     pub(super) fn open(
         (domain, static_peers): (Domain, &StaticPeers),
-        endpoints: &Arc<Mutex<Endpoints>>,
-        graph: &Arc<GraphCache>,
+        Shared { endpoints, graph }: &Shared,
         settling: &Arc<DiscoverySettling>,
-    ) -> Result<Self, EntityError> {
+    ) -> Result<Self, TransportError> {
         let peers = static_peers.addresses();
-        let participant = domain.participant(&peers).map_err(EntityError::Dds)?;
-        graph.reset(participant.guid().into());
+        let participant =
+            domain_participant::create(domain, &peers).map_err(TransportError::Other)?;
+        ros_discovery_info::reset(graph, participant.guid());
         let qos = QosPolicies::from(&Qos::RELIABLE);
         let publisher = participant
             .create_publisher(&qos)
-            .map_err(EntityError::dds)?;
+            .map_err(TransportError::other)?;
         let subscriber = participant
             .create_subscriber(&qos)
-            .map_err(EntityError::dds)?;
+            .map_err(TransportError::other)?;
         let announcer = Arc::new(Announcer::new(&participant, &publisher)?);
         let announcements = receiver::subscribe_to_announcements(&participant, &subscriber)?;
 
-        let poll = Poll::new().map_err(EntityError::dds)?;
-        let waker = Waker::new(poll.registry(), receiver::WAKER).map_err(EntityError::dds)?;
+        let poll = Poll::new().map_err(TransportError::other)?;
+        let waker = Waker::new(poll.registry(), receiver::WAKER).map_err(TransportError::other)?;
         let (requests, inbox) = mpsc::channel();
         let stop = Arc::new(AtomicBool::new(false));
         let rtps = RtpsSender::new(participant.clone(), domain.range, !peers.is_empty())
@@ -117,7 +124,9 @@ impl Session {
                     node.stop_state.fail(format!("node {}: {why}", node.name));
                 }
             })
-            .map_err(EntityError::dds)?;
+            .map_err(TransportError::other)?;
+        let place = (domain, static_peers.clone());
+        let discovery = DdsDiscovery::new(participant.clone(), place, lost_peers);
         let mut session = Self {
             participant,
             publisher,
@@ -130,19 +139,19 @@ impl Session {
             requests,
             waker: Arc::new(waker),
             rtps,
-            lost_peers,
+            discovery: Arc::new(discovery),
             stop,
             receiver: Some(receiver),
         };
         if let Err(e) = session.create_all(endpoints) {
-            let writers = Self::detach(&lock(endpoints));
+            let writers = endpoint::detach(&lock(endpoints));
             return Err(e.abandoning((writers, session)));
         }
         session.announce();
         Ok(session)
     }
 
-    fn create_all(&mut self, endpoints: &Mutex<Endpoints>) -> Result<(), EntityError> {
+    fn create_all(&mut self, endpoints: &Mutex<Endpoints>) -> Result<(), TransportError> {
         let (writers, readers) = {
             let all = lock(endpoints);
             (all.writers.clone(), all.readers.clone())
@@ -176,61 +185,6 @@ impl Session {
         }
     }
 
-    /// The DDS participant.
-    pub(super) fn participant(&self) -> &DomainParticipant {
-        &self.participant
-    }
-
-    /// The peers that this participant has lost.
-    pub(super) fn lost_peers(&self) -> Arc<LostPeers> {
-        Arc::clone(&self.lost_peers)
-    }
-
-    pub(super) fn add_writer(&mut self, writer: &Writer) -> Result<(), EntityError> {
-        self.create_writer(writer)?;
-        self.announce();
-        Ok(())
-    }
-
-    pub(super) fn add_reader(&mut self, reader: &Arc<Reader>) -> Result<(), EntityError> {
-        self.create_reader(reader)?;
-        self.announce();
-        Ok(())
-    }
-
-    /// Removes a publisher that is no longer among the endpoints. Its DDS writer is for the caller to drop, without locks.
-    #[must_use]
-    pub(super) fn remove_writer(&mut self, writer: &Writer) -> Option<Arc<RawWriter>> {
-        let gid = writer.gid();
-        let dds = writer.attach(None);
-        if let Some(gid) = gid
-            && dds.as_ref().is_some_and(|dds| Arc::strong_count(dds) == 1)
-        {
-            self.send(Request::ForgetWriter(gid));
-        }
-        self.announce();
-        dds
-    }
-
-    /// Removes a subscription that is no longer among the endpoints.
-    pub(super) fn remove_reader(&mut self, reader: &Arc<Reader>) {
-        if let Some(key) = reader.spec.reader_key()
-            && let Some((_, count)) = self.shared_readers.get_mut(&key)
-        {
-            *count -= 1;
-            if *count == 0 {
-                self.shared_readers.remove(&key);
-            }
-        }
-        self.send(Request::Remove(Arc::clone(reader)));
-        self.announce();
-    }
-
-    /// Publishes the present nodes and endpoints, soon.
-    pub(super) fn announce(&self) {
-        self.send(Request::Announce);
-    }
-
     fn send(&self, request: Request) {
         // The thread ends only with this session.
         if self.requests.send(request).is_ok() {
@@ -238,7 +192,7 @@ impl Session {
         }
     }
 
-    fn topic(&mut self, spec: &EndpointSpec) -> Result<Topic, EntityError> {
+    fn topic(&mut self, spec: &EndpointSpec) -> Result<Topic, TransportError> {
         let key = (spec.dds_topic.clone(), spec.dds_type.clone());
         if let Some(topic) = self.topics.get(&key) {
             return Ok(topic.clone());
@@ -252,11 +206,11 @@ impl Session {
         Ok(topic)
     }
 
-    fn create_writer(&mut self, writer: &Writer) -> Result<(), EntityError> {
+    fn create_writer(&mut self, writer: &Writer) -> Result<(), TransportError> {
         let spec = &writer.spec;
         let shared = self.shared_writers.get(&spec.dds_topic);
         if let Some(dds) = shared.filter(|_| spec.shared).and_then(Weak::upgrade) {
-            let gid = dds.guid().into();
+            let gid = dds.gid();
             writer.attach(Some(dds));
             self.send(Request::Update(gid));
             return Ok(());
@@ -267,21 +221,21 @@ impl Session {
         let dds = participant_watchdog::create(&self.participant, move |_| {
             publisher.create_datawriter_no_key::<Bytes, CdrPassthrough>(&topic, Some(qos))
         })?;
-        let dds = Arc::new(dds);
+        let topic = (spec.dds_topic.clone(), Arc::clone(&writer.local));
+        let dds = Arc::new(DdsWriter::new(dds, topic, self.rtps.clone()));
         if spec.shared {
             let topic = spec.dds_topic.clone();
             self.shared_writers.insert(topic, Arc::downgrade(&dds));
         }
         writer.counters.forget_remote();
-        let gid = dds.guid().into();
+        let gid = dds.gid();
         writer.attach(Some(dds));
-        writer.set_rtps_sender(self.rtps.clone());
         // Peers that are known already may have been matched before the writer was attached.
         self.send(Request::Update(gid));
         Ok(())
     }
 
-    fn create_reader(&mut self, reader: &Arc<Reader>) -> Result<(), EntityError> {
+    fn create_reader(&mut self, reader: &Arc<Reader>) -> Result<(), TransportError> {
         let spec = &reader.spec;
         reader.counters.forget_remote();
         let key = spec.reader_key();
@@ -295,7 +249,7 @@ impl Session {
             return Ok(());
         }
         let topic = self.topic(spec)?;
-        let qos = spec.reader_qos().for_reader(spec.is_large());
+        let qos = for_reader(&spec.reader_qos(), spec.is_large());
         let subscriber = self.subscriber.clone();
         let dds = participant_watchdog::create(&self.participant, move |_| {
             subscriber.create_simple_datareader_no_key::<Bytes, CdrPassthrough>(&topic, Some(qos))
@@ -313,11 +267,52 @@ impl Session {
         self.send(Request::Add(Box::new(dds), reader, earlier));
         Ok(())
     }
+}
 
-    /// Detaches every DDS writer, so that the participant can end when they are dropped.
-    pub(super) fn detach(endpoints: &Endpoints) -> Vec<Arc<RawWriter>> {
-        let writers = endpoints.writers.iter();
-        writers.filter_map(|writer| writer.attach(None)).collect()
+impl Session for DdsSession {
+    fn discovery(&self) -> Arc<dyn Discovery> {
+        Arc::clone(&self.discovery) as Arc<dyn Discovery>
+    }
+
+    fn add_writer(&mut self, writer: &Arc<Writer>) -> Result<(), TransportError> {
+        self.create_writer(writer)?;
+        self.announce();
+        Ok(())
+    }
+
+    fn add_reader(&mut self, reader: &Arc<Reader>) -> Result<(), TransportError> {
+        self.create_reader(reader)?;
+        self.announce();
+        Ok(())
+    }
+
+    fn remove_writer(&mut self, writer: &Writer) -> Option<Arc<dyn WireWriter>> {
+        let gid = writer.gid();
+        let wire = writer.detach();
+        if let Some(gid) = gid
+            && (wire.as_ref()).is_some_and(|wire| Arc::strong_count(wire) == 1)
+        {
+            self.send(Request::ForgetWriter(gid));
+        }
+        self.announce();
+        wire
+    }
+
+    fn remove_reader(&mut self, reader: &Arc<Reader>) {
+        if let Some(key) = reader.spec.reader_key()
+            && let Some((_, count)) = self.shared_readers.get_mut(&key)
+        {
+            *count -= 1;
+            if *count == 0 {
+                self.shared_readers.remove(&key);
+            }
+        }
+        self.send(Request::Remove(Arc::clone(reader)));
+        self.announce();
+    }
+
+    fn announce(&mut self) {
+        self.send(Request::Announce);
     }
 }
 
@@ -340,7 +335,7 @@ fn left_by_others(dds: &RawReader, qos: &Qos) -> VecDeque<RawSample> {
     kept
 }
 
-impl Drop for Session {
+impl Drop for DdsSession {
     fn drop(&mut self) {
         self.stop.store(true, Relaxed);
         let _ = self.waker.wake();

@@ -12,7 +12,7 @@ use std::{
     time::Duration,
 };
 
-use super::DiscoveryRange;
+use crate::ros::{DiscoveryRange, Gid};
 
 /// Protocol, version 2.3, and the vendor id of rustdds.
 const HEADER: [u8; 8] = *b"RTPS\x02\x03\x01\x12";
@@ -124,14 +124,17 @@ impl RtpsSender {
     /// Acknowledges to `writer` of this participant, for `readers` of the same participant, all samples up to `number`.
     ///
     /// On loopback they never get its samples from rustdds, which waits for them nevertheless (docs/upstream.md).
-    pub(super) fn acknowledge_own(&self, writer: GUID, readers: &[GUID], number: i64) {
+    pub(super) fn acknowledge_own(&self, writer: GUID, readers: Vec<Gid>, number: i64) {
         let Some(port) = self.own_port() else { return };
         let to = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
-        for &reader in readers {
+        for reader in readers {
             // rustdds ignores an acknowledgement with the count of the last one.
             let count = number as u32;
             let acknowledged = Acknowledged::UpTo(number);
-            self.send(&self.acknack(reader, writer, acknowledged, count), to);
+            self.send(
+                &self.acknack(reader.into(), writer, acknowledged, count),
+                to,
+            );
         }
     }
 

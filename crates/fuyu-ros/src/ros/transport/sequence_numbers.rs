@@ -1,0 +1,45 @@
+//! Sequence numbers of publishers, whose holes are lost messages.
+
+use std::collections::HashMap;
+
+use crate::ros::Gid;
+
+/// The number of the last sample of each publisher that a subscription has received.
+#[derive(Default)]
+pub(super) struct SequenceNumbers {
+    last: HashMap<Gid, i64>,
+}
+
+impl SequenceNumbers {
+    /// Number of samples missing between the last one of a publisher and this one. Samples before the first one
+    /// received here were not meant for this subscription.
+    pub(super) fn missing_before(&mut self, publisher: Gid, number: i64) -> u64 {
+        let before = self.last.entry(publisher).or_insert(number);
+        let gap = number.saturating_sub(*before).saturating_sub(1).max(0);
+        *before = number.max(*before);
+        gap as u64
+    }
+
+    /// Whether anything of a publisher has arrived.
+    pub(super) fn has_any_of(&self, publisher: Gid) -> bool {
+        self.last.contains_key(&publisher)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Would break if a late start, a repetition or another publisher's numbers counted as holes.
+    #[test]
+    fn missing_samples_are_counted_for_each_publisher() {
+        let gid = |n| Gid::from([n; 16]);
+        let mut last = SequenceNumbers::default();
+        let numbers = [(1, 40), (1, 41), (2, 7), (1, 45), (1, 45), (2, 8), (1, 46)];
+        let holes: Vec<_> = numbers
+            .iter()
+            .map(|&(publisher, number)| last.missing_before(gid(publisher), number))
+            .collect();
+        assert_eq!(holes, [0, 0, 0, 3, 0, 0, 0]);
+    }
+}

@@ -1,0 +1,122 @@
+//! Publishers of topics.
+
+use bytes::Bytes;
+use std::{
+    sync::{Arc, Mutex, PoisonError, atomic::Ordering::Relaxed},
+    time::Duration,
+};
+use zenoh::{
+    Session, Wait,
+    liveliness::LivelinessToken,
+    qos::{CongestionControl, Reliability},
+    sample::Locality,
+};
+use zenoh_ext::{
+    AdvancedPublisher, AdvancedPublisherBuilderExt as _, CacheConfig, MissDetectionConfig,
+};
+
+use super::attachment::Attachment;
+use crate::ros::{
+    Gid, Time,
+    endpoint::Writer,
+    qos::{Durability, History},
+    sample::SampleIdentity,
+    transport::{TransportError, WireWriter},
+};
+
+/// Longest time between heartbeats of a reliable transient-local publisher, by which subscriptions notice lost samples.
+const HEARTBEAT: Duration = Duration::from_millis(500);
+
+/// A publisher.
+pub(super) struct TopicWriter {
+    publisher: AdvancedPublisher<'static>,
+    gid: Gid,
+    /// Number of the last message, locked while it is handed over, so that numbers and messages have one order.
+    number: Mutex<i64>,
+    _token: LivelinessToken,
+}
+
+impl TopicWriter {
+    /// Publishes at `key`, with options as rmw_zenoh sets them.
+    pub(super) fn new(
+        session: &Session,
+        key: String,
+        writer: &Arc<Writer>,
+        (gid, token): (Gid, LivelinessToken),
+    ) -> Result<Self, TransportError> {
+        let qos = &writer.spec.qos;
+        let congestion_control = match (qos.is_reliable(), qos.history) {
+            (true, History::KeepAll) => CongestionControl::Block,
+            _ => CongestionControl::Drop,
+        };
+        let reliability = match qos.is_reliable() {
+            true => Reliability::Reliable,
+            false => Reliability::BestEffort,
+        };
+        let mut builder = session
+            .declare_publisher(key)
+            .congestion_control(congestion_control)
+            .reliability(reliability)
+            // Subscriptions of this session have it already.
+            .allowed_destination(Locality::Remote)
+            .advanced();
+        if qos.durability == Durability::TransientLocal {
+            let cache = CacheConfig::default().max_samples(qos.depth.max(1));
+            builder = builder.publisher_detection().cache(cache);
+            if qos.is_reliable() {
+                let detection = MissDetectionConfig::default().sporadic_heartbeat(HEARTBEAT);
+                builder = builder.sample_miss_detection(detection);
+            }
+        }
+        let publisher = builder.wait().map_err(TransportError::other)?;
+        // Some subscribers are not of ROS, and have no token.
+        let weak = Arc::downgrade(writer);
+        publisher
+            .matching_listener()
+            .callback(move |status| {
+                if let Some(writer) = weak.upgrade() {
+                    (writer.count_is_unsure).store(status.matching(), Relaxed);
+                }
+            })
+            .background()
+            .wait()
+            .map_err(TransportError::other)?;
+        Ok(Self {
+            publisher,
+            gid,
+            number: Mutex::new(0),
+            _token: token,
+        })
+    }
+}
+
+impl WireWriter for TopicWriter {
+    fn gid(&self) -> Gid {
+        self.gid
+    }
+
+    fn write(
+        &self,
+        cdr: Bytes,
+        published: Time,
+        _: Option<SampleIdentity>,
+    ) -> Option<SampleIdentity> {
+        let mut number = self.number.lock().unwrap_or_else(PoisonError::into_inner);
+        let attachment = Attachment {
+            sequence_number: *number + 1,
+            source_time: published,
+            gid: self.gid,
+        };
+        let put = self.publisher.put(cdr).attachment(attachment.encode());
+        put.wait().ok()?;
+        *number += 1;
+        Some(SampleIdentity {
+            writer: self.gid,
+            sequence_number: attachment.sequence_number,
+        })
+    }
+
+    fn wait_for_acknowledgments(&self, _: Duration) {
+        // Zenoh has none; what is in the queue of a link leaves before the session closes.
+    }
+}
