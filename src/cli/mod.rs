@@ -11,6 +11,8 @@ mod keys;
 mod launch;
 mod modes;
 mod reproduce;
+#[cfg(feature = "zenoh")]
+mod router;
 mod simulate;
 mod table;
 
@@ -45,6 +47,8 @@ enum Command {
     Launch(launch::Args),
     Modes(modes::Args),
     Reproduce(reproduce::Args),
+    #[cfg(feature = "zenoh")]
+    Router(router::Args),
     Simulate(simulate::Args),
 }
 
@@ -63,6 +67,8 @@ impl Command {
             Self::Keys(args) => keys::run(&args),
             Self::Modes(args) => modes::run(&args),
             Self::Reproduce(args) => reproduce::run(&args),
+            #[cfg(feature = "zenoh")]
+            Self::Router(args) => router::run(&args),
             Self::Simulate(args) => simulate::run(&args),
         }
     }

@@ -35,6 +35,18 @@ fn process() {
         "push" => crate::load::push,
         "send" => crate::speed::send,
         "take" => crate::speed::take,
+        #[cfg(feature = "zenoh")]
+        "listen" => crate::zenoh::listen,
+        #[cfg(feature = "zenoh")]
+        "receive_images" => crate::zenoh::receive_images,
+        #[cfg(feature = "zenoh")]
+        "send_images" => crate::zenoh::send_images,
+        #[cfg(feature = "zenoh")]
+        "steer" => crate::zenoh::steer,
+        #[cfg(feature = "zenoh")]
+        "steered" => crate::zenoh::steered,
+        #[cfg(feature = "zenoh")]
+        "watch" => crate::zenoh::watch::program,
         other => panic!("no program {other}"),
     };
     let arguments = std::env::var("FUYU_INTEROP_ARGS").unwrap_or_default();

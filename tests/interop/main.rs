@@ -38,3 +38,5 @@ mod time_jumps;
 mod two_computers;
 mod wire;
 mod wireguard;
+#[cfg(feature = "zenoh")]
+mod zenoh;

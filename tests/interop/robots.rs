@@ -11,7 +11,7 @@ use crate::{
     waiting::PATIENCE,
 };
 
-const ROBOTS: usize = 8;
+pub const ROBOTS: usize = 8;
 /// Peers that come one after the other; more than half of them must hear a robot. What 32 participants send to a newcomer
 /// at once does not fit into its socket's buffer when it has to wait for the processor, and Fast DDS forgets what arrives
 /// after what followed it (docs/upstream.md): on one core for all, a newcomer in five misses some robot for ever, another
@@ -19,8 +19,18 @@ const ROBOTS: usize = 8;
 /// for another reason is found in every second run.
 const NEWCOMERS: usize = 5;
 
+/// A clock and transforms for each robot.
+pub const OWN_TOPICS: [&str; 6] = [
+    "-r",
+    "/clock:=clock",
+    "-r",
+    "/tf:=tf",
+    "-r",
+    "/tf_static:=tf_static",
+];
+
 /// The positioning run without a recorder, slowly and with gains that bear it.
-fn config(folder: &Path) -> String {
+pub fn config(folder: &Path) -> String {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/config/positioning.yaml");
     let mut text = fs::read_to_string(path).expect("the scenario");
     for (from, to) in [
@@ -96,14 +106,7 @@ fn eight_robots_share_a_graph() {
             command
                 .args(["launch", &config, "--ros-args", "-r"])
                 .arg(format!("__ns:=/robot{robot}"))
-                .args([
-                    "-r",
-                    "/clock:=clock",
-                    "-r",
-                    "/tf:=tf",
-                    "-r",
-                    "/tf_static:=tf_static",
-                ])
+                .args(OWN_TOPICS)
                 .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
                 .current_dir(folder.path())
                 .stdout(std::process::Stdio::null());

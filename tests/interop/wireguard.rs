@@ -17,7 +17,7 @@ use crate::{
 };
 
 /// The user-space ends of a tunnel; killed when dropped.
-struct Tunnel([Child; 2]);
+pub struct Tunnel([Child; 2]);
 
 impl Drop for Tunnel {
     fn drop(&mut self) {
@@ -48,7 +48,7 @@ fn wg(arguments: &[&str], input: &str) -> String {
 }
 
 /// A tunnel with the addresses 10.44.0.1 and 10.44.0.2.
-fn tunnel(wire: &Wire, folder: &Path) -> Tunnel {
+pub fn tunnel(wire: &Wire, folder: &Path) -> Tunnel {
     let names = ["wgn", "wgf"].map(|name| format!("{name}{}", std::process::id()));
     let ends = [0, 1].map(|i| {
         let mut command = wire.ends[i].command("env");
@@ -94,12 +94,20 @@ fn tunnel(wire: &Wire, folder: &Path) -> Tunnel {
     tunnel
 }
 
+/// Whether there can be a tunnel; if not, the reason is printed.
+pub fn is_installed() -> bool {
+    let is_there = |program| Command::new(program).arg("--version").output().is_ok();
+    let is_installed = is_there("wireguard-go") && is_there("wg");
+    if !is_installed {
+        println!("skipped: wireguard-go or wg is not installed");
+    }
+    is_installed
+}
+
 // Fails if static peers are not contacted, or if the participants announce other addresses than those of the tunnel.
 #[test]
 fn a_robot_works_over_wireguard() {
-    let is_there = |program| Command::new(program).arg("--version").output().is_ok();
-    if !is_there("wireguard-go") || !is_there("wg") {
-        println!("skipped: wireguard-go or wg is not installed");
+    if !is_installed() {
         return;
     }
     let Some(wire) = Wire::without_multicast(["guard", "guardfar"]) else {

@@ -133,4 +133,4 @@ pub use subscription::{RawSubscription, Subscription};
 pub use time::Time;
 pub use transport::Middleware;
 #[cfg(feature = "zenoh")]
-pub use transport::ZenohConfig;
+pub use transport::{RouterLog, ZenohConfig, ZenohRouter};

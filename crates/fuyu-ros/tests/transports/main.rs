@@ -2,7 +2,9 @@
 //! the design document of rmw_zenoh.
 
 mod actions;
+mod eavesdropper;
 mod graph;
+mod log;
 mod messages;
 mod python_peer;
 mod recovery;

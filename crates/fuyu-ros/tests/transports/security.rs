@@ -5,14 +5,15 @@ use fuyu_ros::{
     msg::std_msgs,
     ros::{
         DiscoveryRange, Domain, Middleware, Node, Process, Publisher, Qos, RosArgs, Subscription,
-        ZenohConfig,
+        ZenohConfig, ZenohRouter,
     },
 };
-use std::{net::TcpListener, path::Path, time::Duration};
+use std::{net::TcpListener, path::Path, sync::MutexGuard, time::Duration};
 use tempfile::TempDir;
-use zenoh::Wait;
 
 use crate::{
+    eavesdropper::Eavesdropper,
+    log,
     messages::{AddTwoInts, AddTwoIntsRequest, AddTwoIntsResponse},
     router::{PATIENCE, eventually, idle},
 };
@@ -20,7 +21,8 @@ use crate::{
 /// Keys, and a router that accepts them.
 struct Guarded {
     folder: TempDir,
-    router: zenoh::Session,
+    _router: ZenohRouter,
+    _log: MutexGuard<'static, ()>,
     port: u16,
 }
 
@@ -31,23 +33,19 @@ impl Guarded {
         drop(listener);
         let folder = tempfile::tempdir().expect("a folder");
         create(folder.path(), port, validity);
-        let config = zenoh::Config::from_file(folder.path().join("router.json5"));
-        let router = zenoh::open(config.expect("the configuration is valid")).wait();
+        let log = log::start();
+        let config = ZenohConfig::from_file(&folder.path().join("router.json5"));
+        let router = ZenohRouter::start(&config.expect("the configuration is valid"));
         Self {
             folder,
-            router: router.expect("the router starts"),
+            _router: router.expect("the router starts"),
+            _log: log,
             port,
         }
     }
 
     fn process(&self, role: Role) -> Process {
         process(self.folder.path(), role)
-    }
-}
-
-impl Drop for Guarded {
-    fn drop(&mut self) {
-        let _ = self.router.close().wait();
     }
 }
 
@@ -62,8 +60,15 @@ fn create(folder: &Path, port: u16, validity: Duration) {
 }
 
 fn process(folder: &Path, role: Role) -> Process {
+    with_config(config(folder, role))
+}
+
+fn config(folder: &Path, role: Role) -> ZenohConfig {
     let file = folder.join(format!("{}.json5", role.name()));
-    let config = ZenohConfig::from_file(&file).expect("the configuration is valid");
+    ZenohConfig::from_file(&file).expect("the configuration is valid")
+}
+
+fn with_config(config: ZenohConfig) -> Process {
     let domain = Domain {
         id: 0,
         range: DiscoveryRange::Localhost,
@@ -137,6 +142,16 @@ fn roles_do_what_they_may() {
     assert_eq!(called.call(&request, PATIENCE).expect("it replies").sum, 3);
     let refused = not_called.call(&request, Duration::from_secs(1));
     assert!(refused.is_err(), "{refused:?}");
+    for what in [
+        ["refused: operator", "Put", "/arm/joint_commands/"],
+        ["refused: viewer", "Put", "/arm/joint_commands/"],
+        ["refused: viewer", "Query", "/sum/"],
+    ] {
+        log::has(&what);
+    }
+    assert!(
+        !log::said(&["refused: robot"]) && !log::said(&["refused: controller", "joint_commands"])
+    );
 }
 
 // Fails if the cache of a latched topic does not reach a viewer through access control.
@@ -164,6 +179,7 @@ fn a_stranger_is_refused() {
     let refused = process(folder.path(), Role::Robot).start("robot", idle);
     let text = refused.err().expect("it is refused").to_string();
     assert!(text.contains("no Zenoh session"), "{text}");
+    log::has(&["invalid peer certificate"]);
     // Without any.
     let config = ZenohConfig::default()
         .with("mode", "\"client\"")
@@ -180,6 +196,7 @@ fn a_stranger_is_refused() {
     let mut plain =
         Process::new(RosArgs::default(), domain).with_middleware(Middleware::zenoh(config));
     assert!(plain.start("robot", idle).is_err());
+    log::has(&["TLS handshake"]);
 }
 
 // Fails if certificates were accepted after their end.
@@ -188,4 +205,54 @@ fn expired_certificates_are_refused() {
     let guarded = Guarded::new(Duration::ZERO);
     let refused = guarded.process(Role::Robot).start("robot", idle);
     assert!(refused.is_err());
+    log::has(&["certificate expired"]);
+}
+
+// Fails if what somebody has recorded on the network could be sent again: over a connection of its own, or in the one
+// that it belongs to.
+#[test]
+fn replayed_messages_do_nothing() {
+    let guarded = Guarded::new(DAY);
+    let mut eavesdropper = Eavesdropper::start(guarded.port);
+    let mut one = guarded.process(Role::Robot);
+    let robot = one.start("robot", idle).expect("it starts");
+    let commands = subscription(&robot, "replayed/joint_commands");
+    let endpoint = format!(r#"["tls/localhost:{}"]"#, eavesdropper.port());
+    let listened_to = config(guarded.folder.path(), Role::Controller)
+        .with("connect/endpoints", &endpoint)
+        .expect("the configuration is valid");
+    let mut two = with_config(listened_to);
+    let controller = two.start("controller", idle).expect("it starts");
+    let sender = publisher(&controller, "replayed/joint_commands");
+    eventually("commands arrive", || {
+        sender.publish(&from("first"));
+        commands.take().is_some()
+    });
+    while commands.wait_next(Duration::from_millis(500)).is_some() {}
+    let before = eavesdropper.heard();
+    sender.publish(&from("thrust"));
+    let command = commands.wait_next(PATIENCE).expect("it arrives");
+    assert_eq!(command.message.data, "thrust");
+    let all = eavesdropper.heard();
+    let record = &all[before.len()..];
+    assert!(!record.is_empty(), "the command went past the eavesdropper");
+
+    // All of it, as another connection.
+    eavesdropper.send_again(&all);
+    log::has(&["TLS handshake"]);
+    // The command, in the connection of the controller.
+    eavesdropper.insert(record);
+    let again = commands.wait_next(Duration::from_secs(2));
+    assert!(again.is_none(), "{again:?}");
+    log::has(&["a connection has ended"]);
+    // The controller connects again.
+    eventually("commands arrive again", || {
+        sender.publish(&from("later"));
+        let command = commands.take();
+        assert!(
+            command.as_ref().is_none_or(|c| c.message.data == "later"),
+            "{command:?}"
+        );
+        command.is_some()
+    });
 }

@@ -30,7 +30,7 @@ use sequence_numbers::SequenceNumbers;
 
 pub use middleware::Middleware;
 #[cfg(feature = "zenoh")]
-pub use zenoh::ZenohConfig;
+pub use zenoh::{RouterLog, ZenohConfig, ZenohRouter};
 
 /// What a participant shares with its transport.
 #[derive(Clone, Default)]

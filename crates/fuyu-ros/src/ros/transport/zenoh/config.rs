@@ -41,7 +41,28 @@ const DEFAULT: &str = r#"{
     },
 }"#;
 
-/// Configuration of the Zenoh session of a participant.
+/// The default of the router of rmw_zenoh, as far as it differs from that of Zenoh.
+const ROUTER: &str = r#"{
+    mode: "router",
+    connect: { endpoints: [] },
+    listen: { endpoints: ["tcp/[::]:7447"], exit_on_failure: true },
+    scouting: { multicast: { enabled: false } },
+    timestamping: { enabled: { router: true, peer: true, client: true } },
+    queries_default_timeout: 600000,
+    transport: {
+        unicast: {
+            open_timeout: 60000,
+            accept_timeout: 60000,
+            accept_pending: 10000,
+            max_sessions: 10000,
+        },
+    },
+}"#;
+
+const SESSION_FILE: &str = "ZENOH_SESSION_CONFIG_URI";
+const ROUTER_FILE: &str = "ZENOH_ROUTER_CONFIG_URI";
+
+/// Configuration of the Zenoh session of a participant, or of a router.
 #[derive(Clone)]
 pub struct ZenohConfig {
     config: zenoh::Config,
@@ -74,7 +95,23 @@ impl ZenohConfig {
     /// # Errors
     /// [`DomainError`] names the variable, its value and what would be right.
     pub fn from_env() -> Result<Self, DomainError> {
-        Self::from_variables(|name| std::env::var(name).ok())
+        Self::from_variables(Self::default(), SESSION_FILE, |name| {
+            std::env::var(name).ok()
+        })
+    }
+
+    /// For [`ZenohRouter`](super::ZenohRouter): that of rmw_zenoh, which listens at port 7447 of all addresses, or a file
+    /// `ZENOH_ROUTER_CONFIG_URI`; and `ZENOH_CONFIG_OVERRIDE`.
+    ///
+    /// # Errors
+    /// As [`Self::from_env`].
+    pub fn router_from_env() -> Result<Self, DomainError> {
+        let config = zenoh::Config::from_json5(ROUTER);
+        let default = Self {
+            config: config.expect("the default configuration is valid"),
+            router_checks: None,
+        };
+        Self::from_variables(default, ROUTER_FILE, |name| std::env::var(name).ok())
     }
 
     /// From a configuration file of Zenoh.
@@ -89,14 +126,17 @@ impl ZenohConfig {
         })
     }
 
-    fn from_variables(get: impl Fn(&str) -> Option<String>) -> Result<Self, DomainError> {
+    fn from_variables(
+        default: Self,
+        file: &'static str,
+        get: impl Fn(&str) -> Option<String>,
+    ) -> Result<Self, DomainError> {
         let get = |name| get(name).filter(|value| !value.is_empty());
-        const FILE: &str = "ZENOH_SESSION_CONFIG_URI";
-        let mut config = match get(FILE) {
-            None => Self::default(),
+        let mut config = match get(file) {
+            None => default,
             Some(path) => Self::from_file(Path::new(&path)).map_err(|e| {
                 let expected = format!("expected a configuration file of Zenoh: {e}");
-                DomainError::new(FILE, &path, expected)
+                DomainError::new(file, &path, expected)
             })?,
         };
         const OVERRIDE: &str = "ZENOH_CONFIG_OVERRIDE";
@@ -149,7 +189,7 @@ mod tests {
     use super::*;
 
     fn config(variables: &[(&str, &str)]) -> Result<ZenohConfig, DomainError> {
-        ZenohConfig::from_variables(|name| {
+        ZenohConfig::from_variables(ZenohConfig::default(), SESSION_FILE, |name| {
             let found = variables.iter().find(|(n, _)| *n == name);
             found.map(|(_, value)| (*value).to_owned())
         })

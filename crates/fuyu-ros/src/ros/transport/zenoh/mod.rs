@@ -12,7 +12,9 @@ mod graph;
 mod keys;
 mod qos;
 mod reader;
+mod router;
 mod router_check;
+mod router_log;
 mod service;
 mod session;
 mod writer;
@@ -22,6 +24,8 @@ use crate::ros::Domain;
 use session::ZenohSession;
 
 pub use config::ZenohConfig;
+pub use router::ZenohRouter;
+pub use router_log::RouterLog;
 
 /// Connects through Zenoh sessions.
 pub(super) struct ZenohTransport {

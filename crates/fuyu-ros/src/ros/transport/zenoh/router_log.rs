@@ -1,0 +1,152 @@
+//! What a router has to say: warnings of Zenoh, and what access control refuses, which Zenoh itself tells nobody.
+
+use std::{
+    collections::HashMap,
+    fmt::{self, Write as _},
+    sync::{Mutex, PoisonError},
+};
+use tracing::{
+    Event, Level, Metadata, Subscriber,
+    field::{Field, Visit},
+    level_filters::LevelFilter,
+};
+use tracing_subscriber::{
+    Layer,
+    layer::{Context, SubscriberExt},
+    util::SubscriberInitExt,
+};
+
+/// Says at level TRACE what is allowed and what is not.
+const ACCESS_CONTROL: &str = "zenoh::net::routing::interceptor::access_control";
+/// Says at level DEBUG why a connection has ended: a message that was changed or repeated, for example.
+const LINKS: &str = "zenoh_transport::unicast::universal::link";
+/// Says where it listens.
+const ROUTER: &str = "fuyu_ros::ros::transport::zenoh::router";
+
+/// Most sessions whose roles are remembered.
+const REMEMBERED: usize = 1024;
+
+/// The log of a router.
+pub struct RouterLog<F> {
+    sink: F,
+    access_control: AccessControl,
+}
+
+impl<F: Fn(String) + Send + Sync + 'static> RouterLog<F> {
+    /// Passes on what routers of this process have to say from now on. Does nothing if the process has a log already.
+    pub fn start(sink: F) {
+        let log = Self {
+            sink,
+            access_control: AccessControl::default(),
+        };
+        let _ = tracing_subscriber::registry().with(log).try_init();
+    }
+}
+
+impl<F: Fn(String) + Send + Sync + 'static, S: Subscriber> Layer<S> for RouterLog<F> {
+    fn enabled(&self, metadata: &Metadata<'_>, _: Context<'_, S>) -> bool {
+        let most = match metadata.target() {
+            ACCESS_CONTROL => Level::TRACE,
+            LINKS => Level::DEBUG,
+            ROUTER => Level::INFO,
+            _ => Level::WARN,
+        };
+        *metadata.level() <= most
+    }
+
+    fn max_level_hint(&self) -> Option<LevelFilter> {
+        Some(LevelFilter::TRACE)
+    }
+
+    fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
+        let metadata = event.metadata();
+        let mut message = Message::default();
+        event.record(&mut message);
+        let text = match metadata.target() {
+            ACCESS_CONTROL if *metadata.level() == Level::TRACE => {
+                self.access_control.refusal(&message.0)
+            }
+            LINKS if *metadata.level() == Level::DEBUG => (message.0.starts_with("RX task failed"))
+                .then(|| {
+                    message
+                        .0
+                        .replace("RX task failed", "a connection has ended")
+                }),
+            _ => Some(message.0),
+        };
+        if let Some(text) = text {
+            (self.sink)(text);
+        }
+    }
+}
+
+/// What access control says of a message: `ZID on NAME is unauthorized to ACTION on KEY` when a key is declared, for each
+/// action that could follow, and `Using cached result: ZID is unauthorized to ACTION on KEY` when one does follow.
+#[derive(Default)]
+struct AccessControl {
+    /// Roles of sessions, by their Zenoh ids.
+    roles: Mutex<HashMap<String, String>>,
+}
+
+impl AccessControl {
+    /// What a session has tried in vain.
+    fn refusal(&self, message: &str) -> Option<String> {
+        let mut roles = self.roles.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(result) = message.strip_prefix("Using cached result: ") else {
+            let (who, _) = message.split_once(" is ")?;
+            let (zid, role) = who.split_once(" on ")?;
+            if !roles.contains_key(zid) {
+                if roles.len() >= REMEMBERED {
+                    roles.clear();
+                }
+                roles.insert(zid.to_owned(), role.to_owned());
+            }
+            return None;
+        };
+        let (zid, what) = result.split_once(" is unauthorized to ")?;
+        // What the router does not pass on to a session is no attempt of that session.
+        let (action, key) = what.split_once(" (ingress) on ")?;
+        let role = roles.get(zid).map_or("?", String::as_str);
+        Some(format!(
+            "refused: {role} (session {zid}) may not {action} {key}"
+        ))
+    }
+}
+
+#[derive(Default)]
+struct Message(String);
+
+impl Visit for Message {
+    fn record_debug(&mut self, field: &Field, value: &dyn fmt::Debug) {
+        if field.name() == "message" {
+            // Writing to a string cannot fail.
+            let _ = write!(self.0, "{value:?}");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if what could be refused is reported like what has been.
+    #[test]
+    fn only_attempts_are_refusals() {
+        let log = AccessControl::default();
+        for possible in [
+            "a1 on viewer+tls is unauthorized to Put (ingress) on 0/arm/joint_commands",
+            "a1 on viewer+tls is authorized to Declare Subscriber (ingress) on 0/arm/joint_commands",
+            "Using cached result: a1 is authorized to Query (ingress) on 0/arm/joint_commands",
+            "Using cached result: a1 is unauthorized to Query (egress) on 0/arm/joint_commands",
+            "anything else",
+        ] {
+            assert_eq!(log.refusal(possible), None);
+        }
+        let attempt =
+            "Using cached result: a1 is unauthorized to Put (ingress) on 0/arm/joint_commands";
+        assert_eq!(
+            log.refusal(attempt).unwrap(),
+            "refused: viewer+tls (session a1) may not Put 0/arm/joint_commands"
+        );
+    }
+}
