@@ -42,7 +42,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         text.push_str(&format!("{}\n", file.display()));
     }
     text.push_str(&format!(
-        "\nrouter:  zenohd -c {folder}/router.json5\nothers:  export RMW_IMPLEMENTATION=rmw_zenoh_cpp \
+        "\nrouter:  fuyu router --config {folder}/router.json5\nothers:  export RMW_IMPLEMENTATION=rmw_zenoh_cpp \
          ZENOH_SESSION_CONFIG_URI={folder}/robot.json5\n"
     ));
     print(&text)

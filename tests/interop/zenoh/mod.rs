@@ -6,6 +6,7 @@ mod interruptions;
 mod network;
 mod robot;
 mod robots;
+mod router;
 mod slow_network;
 mod tunnel;
 pub mod watch;

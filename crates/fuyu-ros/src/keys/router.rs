@@ -143,7 +143,7 @@ pub(super) fn configuration(port: u16, identity: &Identity, authority: &Authorit
         ));
     }
     format!(
-        r#"// Start the router with this file: zenohd -c router.json5. It contains a secret key.
+        r#"// Start the router with this file: fuyu router --config router.json5. It contains a secret key.
 {{
   mode: "router",
   listen: {{ endpoints: ["tls/[::]:{port}"] }},

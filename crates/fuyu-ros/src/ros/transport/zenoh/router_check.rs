@@ -24,7 +24,7 @@ pub(super) fn wait_for_router(session: &Session, attempts: Option<u64>) {
         }
         if attempt == 1 || attempt % 10 == 0 {
             tracing::warn!(
-                "Zenoh: no router is connected; nodes of other processes are found once one runs, such as zenohd"
+                "Zenoh: no router is connected; nodes of other processes are found once one runs (fuyu router)"
             );
         }
     }
