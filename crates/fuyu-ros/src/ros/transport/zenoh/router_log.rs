@@ -46,10 +46,11 @@ impl<F: Fn(String) + Send + Sync + 'static> RouterLog<F> {
 impl<F: Fn(String) + Send + Sync + 'static, S: Subscriber> Layer<S> for RouterLog<F> {
     fn enabled(&self, metadata: &Metadata<'_>, _: Context<'_, S>) -> bool {
         let most = match metadata.target() {
-            ACCESS_CONTROL => Level::TRACE,
-            LINKS => Level::DEBUG,
-            ROUTER => Level::INFO,
-            _ => Level::WARN,
+            ACCESS_CONTROL => LevelFilter::TRACE,
+            LINKS => LevelFilter::DEBUG,
+            ROUTER => LevelFilter::INFO,
+            other if other.starts_with("zenoh") => LevelFilter::WARN,
+            _ => LevelFilter::OFF,
         };
         *metadata.level() <= most
     }
