@@ -14,7 +14,7 @@ use crate::ros::{
 };
 
 /// How often the same thing is logged at most.
-const LOGGED_EVERY: Duration = Duration::from_secs(10);
+const LOGGED_EVERY: Duration = Duration::from_secs(60);
 /// Most kinds of things that are told apart for it.
 const REMEMBERED: usize = 1024;
 

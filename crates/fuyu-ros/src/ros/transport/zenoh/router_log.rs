@@ -49,7 +49,9 @@ impl<F: Fn(String) + Send + Sync + 'static, S: Subscriber> Layer<S> for RouterLo
             ACCESS_CONTROL => LevelFilter::TRACE,
             LINKS => LevelFilter::DEBUG,
             ROUTER => LevelFilter::INFO,
-            other if other.starts_with("zenoh") => LevelFilter::WARN,
+            other if other.starts_with("zenoh") || other.starts_with("fuyu_ros") => {
+                LevelFilter::WARN
+            }
             _ => LevelFilter::OFF,
         };
         *metadata.level() <= most
@@ -64,20 +66,24 @@ impl<F: Fn(String) + Send + Sync + 'static, S: Subscriber> Layer<S> for RouterLo
         let mut message = Message::default();
         event.record(&mut message);
         let text = match metadata.target() {
-            ACCESS_CONTROL if *metadata.level() == Level::TRACE => {
-                self.access_control.refusal(&message.0)
-            }
-            LINKS if *metadata.level() == Level::DEBUG => (message.0.starts_with("RX task failed"))
-                .then(|| {
-                    message
-                        .0
-                        .replace("RX task failed", "a connection has ended")
-                }),
-            _ => Some(message.0),
+            _ if *metadata.level() <= Level::INFO => Some(refused_connection(message.0)),
+            ACCESS_CONTROL => self.access_control.refusal(&message.0),
+            _ => (message.0.strip_prefix("RX task failed: "))
+                .map(|why| format!("a connection has ended: {why}")),
         };
         if let Some(text) = text {
             (self.sink)(text);
         }
+    }
+}
+
+/// A failed handshake, without Zenoh's guess at what the reason may be.
+fn refused_connection(message: String) -> String {
+    match message.strip_suffix(". Hint: increase the system open file limit.") {
+        Some(why) if !why.contains("Too many open files") => {
+            format!("a connection is refused: {why}")
+        }
+        _ => message,
     }
 }
 
@@ -100,18 +106,31 @@ impl AccessControl {
                 if roles.len() >= REMEMBERED {
                     roles.clear();
                 }
-                roles.insert(zid.to_owned(), role.to_owned());
+                roles.insert(zid.to_owned(), common_name(role).to_owned());
             }
             return None;
         };
         let (zid, what) = result.split_once(" is unauthorized to ")?;
-        // What the router does not pass on to a session is no attempt of that session.
+        // What the router does not pass on to a session is no attempt of that session, and to offer something does nothing.
         let (action, key) = what.split_once(" (ingress) on ")?;
+        let verb = match action {
+            "Put" | "Delete" => "publish",
+            "Query" => "call",
+            "Reply" => "reply",
+            _ => return None,
+        };
         let role = roles.get(zid).map_or("?", String::as_str);
         Some(format!(
-            "refused: {role} (session {zid}) may not {action} {key}"
+            "refused: {role} (session {zid}) may not {verb} {key}"
         ))
     }
+}
+
+/// The name in the certificate of a subject, `Interface(lo)+CertCommonName(viewer)+Transport(Tls)`; all of it without one.
+fn common_name(subject: &str) -> &str {
+    let name = subject.split_once("CertCommonName(");
+    let name = name.and_then(|(_, rest)| rest.split_once(')'));
+    name.map_or(subject, |(name, _)| name)
 }
 
 #[derive(Default)]
@@ -135,8 +154,9 @@ mod tests {
     fn only_attempts_are_refusals() {
         let log = AccessControl::default();
         for possible in [
-            "a1 on viewer+tls is unauthorized to Put (ingress) on 0/arm/joint_commands",
-            "a1 on viewer+tls is authorized to Declare Subscriber (ingress) on 0/arm/joint_commands",
+            "a1 on Interface(lo)+CertCommonName(viewer)+a1 is unauthorized to Put (ingress) on 0/arm/joint_commands",
+            "a1 on Interface(lo)+CertCommonName(viewer)+a1 is authorized to Declare Subscriber (ingress) on 0/arm",
+            "Using cached result: a1 is unauthorized to Declare Queryable (ingress) on 0/arm/get_parameters",
             "Using cached result: a1 is authorized to Query (ingress) on 0/arm/joint_commands",
             "Using cached result: a1 is unauthorized to Query (egress) on 0/arm/joint_commands",
             "anything else",
@@ -147,7 +167,7 @@ mod tests {
             "Using cached result: a1 is unauthorized to Put (ingress) on 0/arm/joint_commands";
         assert_eq!(
             log.refusal(attempt).unwrap(),
-            "refused: viewer+tls (session a1) may not Put 0/arm/joint_commands"
+            "refused: viewer (session a1) may not publish 0/arm/joint_commands"
         );
     }
 }

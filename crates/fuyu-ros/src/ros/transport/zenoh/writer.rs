@@ -2,8 +2,8 @@
 
 use bytes::Bytes;
 use std::{
-    sync::{Arc, Mutex, PoisonError, atomic::Ordering::Relaxed},
-    time::Duration,
+    sync::{Arc, Mutex, PoisonError, Weak, atomic::Ordering::Relaxed},
+    time::{Duration, Instant},
 };
 use zenoh::{
     Session, Wait,
@@ -27,12 +27,39 @@ use crate::ros::{
 /// Longest time between heartbeats of a reliable transient-local publisher, by which subscriptions notice lost samples.
 const HEARTBEAT: Duration = Duration::from_millis(500);
 
+/// How long subscriptions may be announced and yet not matched, for example while a session connects again.
+const UNMATCHED: Duration = Duration::from_secs(5);
+
+/// Notices that the router tells of no subscription, although there are some.
+#[derive(Default)]
+struct Unheard {
+    since: Option<Instant>,
+    is_reported: bool,
+}
+
+impl Unheard {
+    /// Whether to report it now; once.
+    fn is_new(&mut self, is_unheard: bool) -> bool {
+        if !is_unheard {
+            *self = Self::default();
+            return false;
+        }
+        let since = *self.since.get_or_insert_with(Instant::now);
+        let is_new = !self.is_reported && since.elapsed() > UNMATCHED;
+        self.is_reported |= is_new;
+        is_new
+    }
+}
+
 /// A publisher.
 pub(super) struct TopicWriter {
     publisher: AdvancedPublisher<'static>,
     gid: Gid,
     /// Number of the last message, locked while it is handed over, so that numbers and messages have one order.
     number: Mutex<i64>,
+    /// Whose wire this is.
+    writer: Weak<Writer>,
+    unheard: Mutex<Unheard>,
     _token: LivelinessToken,
 }
 
@@ -85,8 +112,28 @@ impl TopicWriter {
             publisher,
             gid,
             number: Mutex::new(0),
+            writer: Arc::downgrade(writer),
+            unheard: Mutex::default(),
             _token: token,
         })
+    }
+
+    /// Warns if subscriptions are announced of which the router does not tell: it may not let this session publish to them.
+    fn warn_if_unheard(&self) {
+        let Some(writer) = self.writer.upgrade() else {
+            return;
+        };
+        let subscriptions = writer.counters.remote.load(Relaxed);
+        let is_unheard = subscriptions > 0 && !writer.count_is_unsure.load(Relaxed);
+        let mut unheard = self.unheard.lock().unwrap_or_else(PoisonError::into_inner);
+        if unheard.is_new(is_unheard) {
+            tracing::warn!(
+                "node {}: nobody receives {}, although {subscriptions} subscribe: the router may not let this process \
+                 publish it",
+                writer.node,
+                writer.spec.name
+            );
+        }
     }
 }
 
@@ -101,6 +148,7 @@ impl WireWriter for TopicWriter {
         published: Time,
         _: Option<SampleIdentity>,
     ) -> Option<SampleIdentity> {
+        self.warn_if_unheard();
         let mut number = self.number.lock().unwrap_or_else(PoisonError::into_inner);
         let attachment = Attachment {
             sequence_number: *number + 1,
