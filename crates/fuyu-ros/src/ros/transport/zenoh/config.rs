@@ -42,10 +42,13 @@ const DEFAULT: &str = r#"{
 }"#;
 
 /// The default of the router of rmw_zenoh, as far as it differs from that of Zenoh; but an attempt to reach another router
-/// ends after 5 s instead of 60 s, so that the next one comes soon after an interruption of the network.
+/// ends after 5 s instead of 60 s, and the next one follows a second later, so that one comes soon after an interruption.
 const ROUTER: &str = r#"{
     mode: "router",
-    connect: { endpoints: [] },
+    connect: {
+        endpoints: [],
+        retry: { period_init_ms: 1000, period_max_ms: 1000, period_increase_factor: 1 },
+    },
     listen: { endpoints: ["tcp/[::]:7447"], exit_on_failure: true },
     scouting: { multicast: { enabled: false } },
     timestamping: { enabled: { router: true, peer: true, client: true } },
