@@ -11,7 +11,7 @@ static LINES: Mutex<Vec<String>> = Mutex::new(Vec::new());
 pub fn start() -> MutexGuard<'static, ()> {
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
     let guard = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
-    RouterLog::start(|line| LINES.lock().unwrap().push(line));
+    RouterLog::start(|_, line| LINES.lock().unwrap().push(line));
     LINES.lock().unwrap().clear();
     guard
 }

@@ -5,6 +5,7 @@ use std::{
     sync::mpsc::{self, Receiver, Sender},
     time::{Duration, Instant},
 };
+use tracing::Level;
 use zenoh::Wait;
 
 use super::{config::ZenohConfig, router_log::RouterLog};
@@ -45,9 +46,9 @@ impl ZenohRouter {
         let (events, happened) = mpsc::channel();
         RouterLog::start({
             let events = events.clone();
-            move |text| {
+            move |level, text| {
                 // The receiver lives as long as the router.
-                let _ = events.send(RouterEvent::Log(text));
+                let _ = events.send(RouterEvent::Log(level, text));
             }
         });
         let router = Self::start(config)?;
@@ -69,7 +70,7 @@ impl Drop for ZenohRouter {
 }
 
 enum RouterEvent {
-    Log(String),
+    Log(Level, String),
     Stop,
 }
 
@@ -86,17 +87,17 @@ fn watch(events: Sender<RouterEvent>) -> Result<(), NodeError> {
 /// Writes the log, each text at most once in [`LOGGED_EVERY`].
 fn log_until_stopped(events: &Receiver<RouterEvent>) {
     let mut logged: HashMap<String, (Instant, u64)> = HashMap::new();
-    while let Ok(RouterEvent::Log(text)) = events.recv() {
+    while let Ok(RouterEvent::Log(level, text)) = events.recv() {
         let now = Instant::now();
         let entry = logged.get_mut(&text);
         match entry {
             Some((last, unlogged)) if now.duration_since(*last) < LOGGED_EVERY => *unlogged += 1,
             Some((last, unlogged)) => {
-                eprintln!("[WARN] [zenoh]: {text} ({} times)", *unlogged + 1);
+                eprintln!("[{level}] [zenoh]: {text} ({} times)", *unlogged + 1);
                 (*last, *unlogged) = (now, 0);
             }
             None => {
-                eprintln!("[WARN] [zenoh]: {text}");
+                eprintln!("[{level}] [zenoh]: {text}");
                 if logged.len() >= REMEMBERED {
                     logged.clear();
                 }

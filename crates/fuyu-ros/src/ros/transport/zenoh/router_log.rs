@@ -32,7 +32,7 @@ pub struct RouterLog<F> {
     access_control: AccessControl,
 }
 
-impl<F: Fn(String) + Send + Sync + 'static> RouterLog<F> {
+impl<F: Fn(Level, String) + Send + Sync + 'static> RouterLog<F> {
     /// Passes on what routers of this process have to say from now on. Does nothing if the process has a log already.
     pub fn start(sink: F) {
         let log = Self {
@@ -43,7 +43,7 @@ impl<F: Fn(String) + Send + Sync + 'static> RouterLog<F> {
     }
 }
 
-impl<F: Fn(String) + Send + Sync + 'static, S: Subscriber> Layer<S> for RouterLog<F> {
+impl<F: Fn(Level, String) + Send + Sync + 'static, S: Subscriber> Layer<S> for RouterLog<F> {
     fn enabled(&self, metadata: &Metadata<'_>, _: Context<'_, S>) -> bool {
         let most = match metadata.target() {
             ACCESS_CONTROL => LevelFilter::TRACE,
@@ -72,9 +72,25 @@ impl<F: Fn(String) + Send + Sync + 'static, S: Subscriber> Layer<S> for RouterLo
                 .map(|why| format!("a connection has ended: {why}")),
         };
         if let Some(text) = text {
-            (self.sink)(text);
+            let level = (*metadata.level()).min(Level::INFO);
+            let level = match metadata.target() {
+                ACCESS_CONTROL | LINKS => Level::WARN,
+                _ => level,
+            };
+            (self.sink)(level, without_source(text));
         }
     }
+}
+
+/// A message without the place in Zenoh's source that many of them end with: ` at /path/unicast.rs:163.`
+fn without_source(mut text: String) -> String {
+    if let Some((message, place)) = text.rsplit_once(" at /")
+        && place.contains(".rs:")
+        && !place.contains(' ')
+    {
+        text.truncate(message.len());
+    }
+    text
 }
 
 /// A failed handshake, without Zenoh's guess at what the reason may be.
@@ -148,6 +164,14 @@ impl Visit for Message {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn messages_do_not_name_zenohs_source() {
+        let text = "Read error on TCP link 127.0.0.1:7447: early eof at /a/unicast.rs:163.";
+        let short = "Read error on TCP link 127.0.0.1:7447: early eof";
+        assert_eq!(without_source(text.to_owned()), short);
+        assert_eq!(without_source("listens at /x".to_owned()), "listens at /x");
+    }
 
     // Fails if what could be refused is reported like what has been.
     #[test]
