@@ -2,7 +2,7 @@
 
 use std::{
     collections::HashMap,
-    sync::mpsc::{self, Receiver, Sender},
+    sync::mpsc::{self, Receiver, SyncSender},
     time::{Duration, Instant},
 };
 use tracing::Level;
@@ -16,8 +16,10 @@ use crate::ros::{
 
 /// How often the same thing is logged at most.
 const LOGGED_EVERY: Duration = Duration::from_secs(60);
-/// Most kinds of things that are told apart for it.
-const REMEMBERED: usize = 1024;
+/// Most different things that are logged in this time.
+const DIFFERENT: usize = 200;
+/// Things that wait for being logged; more are dropped.
+const WAITING: usize = 1000;
 
 /// A running router. It introduces the sessions of its computer to each other, and passes on what goes to others; with
 /// a configuration of [`crate::keys`] it decides who may do what. It stops when it is dropped.
@@ -43,12 +45,12 @@ impl ZenohRouter {
     pub fn run(config: &ZenohConfig) -> Result<(), NodeError> {
         // All threads leave signals to the one that waits for them.
         signals::block();
-        let (events, happened) = mpsc::channel();
+        let (events, happened) = mpsc::sync_channel(WAITING);
         RouterLog::start({
             let events = events.clone();
             move |level, text| {
-                // The receiver lives as long as the router.
-                let _ = events.send(RouterEvent::Log(level, text));
+                // Zenoh does not wait for a slow terminal.
+                let _ = events.try_send(RouterEvent::Log(level, text));
             }
         });
         let router = Self::start(config)?;
@@ -74,7 +76,7 @@ enum RouterEvent {
     Stop,
 }
 
-fn watch(events: Sender<RouterEvent>) -> Result<(), NodeError> {
+fn watch(events: SyncSender<RouterEvent>) -> Result<(), NodeError> {
     let watched = signals::watch(move |signal| {
         if let ProcessSignal::Stop(_) = signal {
             // Without a receiver it is stopping already.
@@ -84,25 +86,66 @@ fn watch(events: Sender<RouterEvent>) -> Result<(), NodeError> {
     watched.map_err(|e| NodeError::Failed(format!("cannot follow signals: {e}")))
 }
 
-/// Writes the log, each text at most once in [`LOGGED_EVERY`].
+/// Writes the log, each text at most once in [`LOGGED_EVERY`], and no more than [`DIFFERENT`] texts.
 fn log_until_stopped(events: &Receiver<RouterEvent>) {
-    let mut logged: HashMap<String, (Instant, u64)> = HashMap::new();
+    let mut throttle = Throttle::default();
     while let Ok(RouterEvent::Log(level, text)) = events.recv() {
-        let now = Instant::now();
-        let entry = logged.get_mut(&text);
-        match entry {
-            Some((last, unlogged)) if now.duration_since(*last) < LOGGED_EVERY => *unlogged += 1,
-            Some((last, unlogged)) => {
-                eprintln!("[{level}] [zenoh]: {text} ({} times)", *unlogged + 1);
-                (*last, *unlogged) = (now, 0);
-            }
-            None => {
-                eprintln!("[{level}] [zenoh]: {text}");
-                if logged.len() >= REMEMBERED {
-                    logged.clear();
-                }
-                logged.insert(text, (now, 0));
-            }
+        if let Some(text) = throttle.pass(text, Instant::now()) {
+            eprintln!("[{level}] [zenoh]: {text}");
         }
+    }
+}
+
+/// Keeps whoever is refused from filling the log.
+#[derive(Default)]
+struct Throttle {
+    /// When each text was logged last, and how often it came since.
+    logged: HashMap<String, (Instant, u64)>,
+    is_full: bool,
+}
+
+impl Throttle {
+    /// What to log of a text that comes now.
+    fn pass(&mut self, text: String, now: Instant) -> Option<String> {
+        if let Some((last, unlogged)) = self.logged.get_mut(&text) {
+            *unlogged += 1;
+            if now.duration_since(*last) < LOGGED_EVERY {
+                return None;
+            }
+            let often = format!("{text} ({unlogged} times)");
+            (*last, *unlogged) = (now, 0);
+            return Some(often);
+        }
+        if self.logged.len() >= DIFFERENT {
+            let is_recent = |last: &Instant| now.duration_since(*last) < LOGGED_EVERY;
+            self.logged.retain(|_, (last, _)| is_recent(last));
+        }
+        if self.logged.len() >= DIFFERENT {
+            let is_new = !std::mem::replace(&mut self.is_full, true);
+            return is_new.then(|| format!("more than {DIFFERENT} different messages a minute"));
+        }
+        self.is_full = false;
+        self.logged.insert(text.clone(), (now, 0));
+        Some(text)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if somebody who tries everything fills the disk, or silences what comes later.
+    #[test]
+    fn a_flood_is_not_logged() {
+        let (mut throttle, start) = (Throttle::default(), Instant::now());
+        let mut logged =
+            |text: String, seconds: u64| throttle.pass(text, start + Duration::from_secs(seconds));
+        assert_eq!(logged("a".into(), 0).as_deref(), Some("a"));
+        assert_eq!(logged("a".into(), 30), None);
+        assert_eq!(logged("a".into(), 61).as_deref(), Some("a (2 times)"));
+        let flood = (0..10_000).filter_map(|i| logged(format!("text {i}"), 62));
+        assert_eq!(flood.count(), DIFFERENT - 1 + 1);
+        assert_eq!(logged("b".into(), 63), None);
+        assert_eq!(logged("b".into(), 123).as_deref(), Some("b"));
     }
 }

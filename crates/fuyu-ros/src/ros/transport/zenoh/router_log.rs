@@ -65,18 +65,18 @@ impl<F: Fn(Level, String) + Send + Sync + 'static, S: Subscriber> Layer<S> for R
         let metadata = event.metadata();
         let mut message = Message::default();
         event.record(&mut message);
-        let text = match metadata.target() {
-            _ if *metadata.level() <= Level::INFO => Some(refused_connection(message.0)),
-            ACCESS_CONTROL => self.access_control.refusal(&message.0),
-            _ => (message.0.strip_prefix("RX task failed: "))
-                .map(|why| format!("a connection has ended: {why}")),
+        let (level, text) = match metadata.target() {
+            _ if *metadata.level() <= Level::INFO => {
+                (*metadata.level(), Some(refused_connection(message.0)))
+            }
+            ACCESS_CONTROL => (Level::WARN, self.access_control.refusal(&message.0)),
+            _ => {
+                let why = message.0.strip_prefix("RX task failed: ");
+                let ended = why.map(|why| format!("a connection has ended: {why}"));
+                (Level::WARN, ended)
+            }
         };
         if let Some(text) = text {
-            let level = (*metadata.level()).min(Level::INFO);
-            let level = match metadata.target() {
-                ACCESS_CONTROL | LINKS => Level::WARN,
-                _ => level,
-            };
             (self.sink)(level, without_source(text));
         }
     }
