@@ -19,6 +19,7 @@ mod wall_clock;
 mod delivery;
 mod first_calls;
 mod isolation;
+mod joining;
 mod parameters;
 mod participant_watchdog;
 mod probe;

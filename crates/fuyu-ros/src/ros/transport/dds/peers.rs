@@ -202,6 +202,7 @@ pub(super) fn report_status(
                 if let LostReason::Timeout { .. } = reason {
                     lost_peers.lost(id.as_ref(), &graph.nodes_of(id.as_ref()));
                 }
+                settling.participant_lost(id.as_ref());
                 peers.lost(&all, |g| g.prefix == id);
                 peers.older.retain(|p| p.prefix != id);
                 ros_discovery_info::remove_participants(graph, |g| g.prefix == id);

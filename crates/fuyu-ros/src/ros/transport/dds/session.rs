@@ -77,6 +77,8 @@ impl DdsSession {
         let peers = static_peers.addresses();
         let participant =
             domain_participant::create(domain, &peers).map_err(TransportError::Other)?;
+        settling.participant_created();
+        let rediscovered_until = Instant::now() + REDISCOVERY;
         ros_discovery_info::reset(graph, participant.guid());
         let qos = QosPolicies::from(&Qos::RELIABLE);
         let publisher = participant
@@ -143,7 +145,7 @@ impl DdsSession {
             stop,
             receiver: Some(receiver),
         };
-        if let Err(e) = session.create_all(endpoints) {
+        if let Err(e) = session.create_all(endpoints, settling, rediscovered_until) {
             let writers = endpoint::detach(&lock(endpoints));
             return Err(e.abandoning((writers, session)));
         }
@@ -151,14 +153,26 @@ impl DdsSession {
         Ok(session)
     }
 
-    fn create_all(&mut self, endpoints: &Mutex<Endpoints>) -> Result<(), TransportError> {
+    fn create_all(
+        &mut self,
+        endpoints: &Mutex<Endpoints>,
+        settling: &DiscoverySettling,
+        rediscovered_until: Instant,
+    ) -> Result<(), TransportError> {
         let (writers, readers) = {
             let all = lock(endpoints);
             (all.writers.clone(), all.readers.clone())
         };
-        writers.iter().try_for_each(|w| self.create_writer(w))?;
-        self.wait_for_writers(&readers);
-        readers.iter().try_for_each(|r| self.create_reader(r))
+        for writer in &writers {
+            settling.wait();
+            self.create_writer(writer)?;
+        }
+        self.wait_for_writers(&readers, rediscovered_until);
+        for reader in &readers {
+            settling.wait();
+            self.create_reader(reader)?;
+        }
+        Ok(())
     }
 
     /// Waits until the writers of Fast DDS are discovered that an earlier participant of these subscriptions was matched with.
@@ -166,7 +180,7 @@ impl DdsSession {
     /// Fast DDS says once, when it matches a new reader, which samples that reader does not get. If the new participant does
     /// not know the writer by then, it takes later samples for incomplete and keeps them for three to six seconds
     /// (docs/upstream.md). A reader that is created after the writer is known does not miss the message.
-    fn wait_for_writers(&self, readers: &[Arc<Reader>]) {
+    fn wait_for_writers(&self, readers: &[Arc<Reader>], deadline: Instant) {
         let mut expected = HashSet::new();
         for reader in readers.iter().filter(|r| r.spec.qos.is_reliable()) {
             let peers = reader.counters.peers.lock();
@@ -174,7 +188,6 @@ impl DdsSession {
             let peers = peers.iter().map(|&gid| GUID::from(gid));
             expected.extend(peers.filter(|&writer| RtpsSender::must_request_from(writer)));
         }
-        let deadline = Instant::now() + REDISCOVERY;
         while !expected.is_empty() && Instant::now() < deadline {
             for writer in self.participant.discovered_writers() {
                 expected.remove(&writer.writer_proxy.remote_writer_guid);
