@@ -19,7 +19,7 @@ type Prefix = [u8; 12];
 /// Time that a peer needs to learn the existing endpoints; 60 ms were measured.
 const SETTLING: Duration = Duration::from_millis(150);
 /// How long a new participant waits for peers that an earlier one knew.
-const REDISCOVERY: Duration = Duration::from_secs(1);
+const REDISCOVERY_OF_PEERS: Duration = Duration::from_secs(1);
 /// Longest delay of an endpoint, however many peers are discovered.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// First bytes of a rustdds GUID: its vendor id. rustdds peers lose nothing.
@@ -48,7 +48,7 @@ impl DiscoverySettling {
         let now = Instant::now();
         inner.last = Some(now);
         inner.missing = std::mem::take(&mut inner.known);
-        inner.missing_until = Some(now + REDISCOVERY);
+        inner.missing_until = Some(now + REDISCOVERY_OF_PEERS);
     }
 
     /// A participant with this GUID has been discovered.
@@ -70,7 +70,7 @@ impl DiscoverySettling {
         }
     }
 
-    /// Blocks until peers that an earlier participant of ours knew are discovered again, at most [`REDISCOVERY`] after the
+    /// Blocks until peers that an earlier participant of ours knew are discovered again, at most [`REDISCOVERY_OF_PEERS`] after the
     /// new one, and until none has been discovered for [`SETTLING`]; at most [`PATIENCE`].
     pub(super) fn wait(&self) {
         let patience = Instant::now() + PATIENCE;
@@ -136,14 +136,17 @@ mod tests {
         };
         let settling = DiscoverySettling::default();
         let first = waited(&settling);
-        assert!(first >= SETTLING && first < REDISCOVERY, "{first:?}");
+        assert!(
+            first >= SETTLING && first < REDISCOVERY_OF_PEERS,
+            "{first:?}"
+        );
         settling.participant_discovered(&guid(OTHER));
-        assert!(waited(&settling) >= REDISCOVERY);
+        assert!(waited(&settling) >= REDISCOVERY_OF_PEERS);
         // Not discovered by the second one, so the third one does not wait for it.
-        assert!(waited(&settling) < REDISCOVERY);
+        assert!(waited(&settling) < REDISCOVERY_OF_PEERS);
         settling.participant_discovered(&guid(OTHER));
         settling.participant_lost(guid(OTHER).prefix.as_ref());
-        assert!(waited(&settling) < REDISCOVERY);
+        assert!(waited(&settling) < REDISCOVERY_OF_PEERS);
         settling.participant_discovered(&guid(OTHER));
         thread::scope(|scope| {
             scope.spawn(|| {
@@ -151,7 +154,10 @@ mod tests {
                 settling.participant_discovered(&guid(OTHER));
             });
             let waited = waited(&settling);
-            assert!((3 * SETTLING..REDISCOVERY).contains(&waited), "{waited:?}");
+            assert!(
+                (3 * SETTLING..REDISCOVERY_OF_PEERS).contains(&waited),
+                "{waited:?}"
+            );
         });
     }
 }

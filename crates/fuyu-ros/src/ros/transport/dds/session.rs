@@ -42,7 +42,7 @@ use crate::ros::{
 
 /// How long a new participant waits for the writers that an earlier one knew: those of a peer that is still there are known
 /// again after up to a second.
-const REDISCOVERY: Duration = Duration::from_millis(1500);
+const REDISCOVERY_OF_WRITERS: Duration = Duration::from_millis(1500);
 const POLL: Duration = Duration::from_millis(5);
 
 /// A connected participant.
@@ -78,7 +78,7 @@ impl DdsSession {
         let participant =
             domain_participant::create(domain, &peers).map_err(TransportError::Other)?;
         settling.participant_created();
-        let rediscovered_until = Instant::now() + REDISCOVERY;
+        let rediscovered_until = Instant::now() + REDISCOVERY_OF_WRITERS;
         ros_discovery_info::reset(graph, participant.guid());
         let qos = QosPolicies::from(&Qos::RELIABLE);
         let publisher = participant
