@@ -19,7 +19,7 @@ use std::{
 };
 
 use super::{
-    announcer::Announcer,
+    announcer::{self, Announcer},
     dds_discovery::DdsDiscovery,
     discovery_settling::DiscoverySettling,
     domain_participant,
@@ -59,6 +59,7 @@ pub(super) struct DdsSession {
     /// Topics that have or had a DDS reader.
     read_topics: HashSet<String>,
     announcer: Arc<Announcer>,
+    endpoints: Arc<Mutex<Endpoints>>,
     requests: mpsc::Sender<Request>,
     waker: Arc<Waker>,
     rtps: Option<Arc<RtpsSender>>,
@@ -138,6 +139,7 @@ impl DdsSession {
             shared_readers: HashMap::new(),
             read_topics: HashSet::new(),
             announcer,
+            endpoints: Arc::clone(endpoints),
             requests,
             waker: Arc::new(waker),
             rtps,
@@ -289,6 +291,12 @@ impl Session for DdsSession {
 
     fn add_writer(&mut self, writer: &Arc<Writer>) -> Result<(), TransportError> {
         self.create_writer(writer)?;
+        if !writer.spec.internal {
+            // Before the first message: who receives it may ask whose it is. The announcement that is due later has everything
+            // that changes meanwhile.
+            let nodes = announcer::nodes(&lock(&self.endpoints));
+            self.announcer.publish(nodes);
+        }
         self.announce();
         Ok(())
     }
