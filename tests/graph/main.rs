@@ -18,6 +18,7 @@ mod wall_clock;
 
 mod delivery;
 mod first_calls;
+mod first_messages;
 mod isolation;
 mod joining;
 mod parameters;

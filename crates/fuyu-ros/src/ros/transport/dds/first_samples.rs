@@ -51,18 +51,18 @@ impl FirstSamples {
         }
     }
 
-    /// A reliable reader of this DDS topic has been matched with a writer, of a participant that may be older than this one.
+    /// A reliable reader of this DDS topic has been matched with a writer, which is new or has been there before.
     pub(super) fn writer_matched(
         &mut self,
         dds_topic: &str,
         (reader, writer): (GUID, GUID),
-        is_older: bool,
+        is_new: bool,
     ) {
         let requests = match dds_topic.starts_with("rq/") {
             true => &CLIENT[..],
             // The first sample is gone. The request would only be a reason for Fast DDS to ignore the answer of rustdds to the
             // next heartbeat, without which nothing is received.
-            false if is_older => return,
+            false if !is_new => return,
             false => &TOPIC[..],
         };
         if RtpsSender::must_request_from(writer) {
@@ -117,14 +117,14 @@ mod tests {
     fn requests_end_with_the_first_sample() {
         let mut first = FirstSamples::new(None);
         let (reader, fast, rust) = (guid([1, 0x12], 1), guid([1, 0x0f], 2), guid([1, 0x12], 3));
-        first.writer_matched("rq/serviceRequest", (reader, rust), false);
-        first.writer_matched("rt/topic", (reader, fast), true);
-        assert_eq!(first.timeout(), None);
+        first.writer_matched("rq/serviceRequest", (reader, rust), true);
         first.writer_matched("rt/topic", (reader, fast), false);
+        assert_eq!(first.timeout(), None);
+        first.writer_matched("rt/topic", (reader, fast), true);
         assert_eq!(first.timeout(), Some(Duration::ZERO));
         first.request(|_, _| false);
         assert_eq!(first.timeout(), None);
-        first.writer_matched("rq/serviceRequest", (reader, fast), true);
+        first.writer_matched("rq/serviceRequest", (reader, fast), false);
         first.request(|_, _| false);
         assert!(first.timeout().is_some_and(|t| t <= CLIENT[1]));
         std::thread::sleep(CLIENT[1]);

@@ -6,6 +6,7 @@ mod discovery_settling;
 mod domain_participant;
 mod first_samples;
 mod lost_peers;
+mod new_writers;
 mod participant_watchdog;
 mod peers;
 mod qos;

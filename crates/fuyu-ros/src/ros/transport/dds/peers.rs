@@ -8,13 +8,14 @@ use rustdds::{
 use std::{
     collections::HashMap,
     sync::{Arc, Mutex, PoisonError, atomic::Ordering::Relaxed},
-    time::{Duration, Instant},
+    time::Instant,
 };
 
 use super::{
     discovery_settling::DiscoverySettling,
     first_samples::FirstSamples,
     lost_peers::LostPeers,
+    new_writers::NewWriters,
     ros_discovery_info,
     rtps_sender::RtpsSender,
     static_peers,
@@ -34,13 +35,8 @@ pub(super) struct Peers {
     /// By endpoint of this participant.
     matches: HashMap<Gid, Matches>,
     type_hashes: TypeHashCheck,
-    started: Instant,
-    /// Participants that were probably there before this one: they answered its first announcements.
-    older: Vec<GUID>,
+    new_writers: NewWriters,
 }
-
-/// A participant that is discovered within this time after the start of this one is taken for an older one.
-const FIRST_ANSWERS: Duration = Duration::from_millis(250);
 
 /// What an endpoint of this participant is matched with.
 struct Matches {
@@ -63,8 +59,7 @@ impl Peers {
             first_samples: FirstSamples::new(rtps),
             matches: HashMap::new(),
             type_hashes: TypeHashCheck::default(),
-            started: Instant::now(),
-            older: Vec::new(),
+            new_writers: NewWriters::new(Instant::now()),
         }
     }
 
@@ -104,8 +99,8 @@ impl Peers {
             remote.is_handled = true;
             if is_reliable_reader {
                 let endpoints = (matches.local, remote.guid);
-                let is_older = self.older.iter().any(|p| p.prefix == remote.guid.prefix);
-                (self.first_samples).writer_matched(&spec.dds_topic, endpoints, is_older);
+                let is_new = self.new_writers.is_new(remote.guid, Instant::now());
+                (self.first_samples).writer_matched(&spec.dds_topic, endpoints, is_new);
             }
             self.type_hashes.compare(node, spec, remote.guid);
         }
@@ -126,6 +121,7 @@ impl Peers {
         for matches in self.matches.values_mut() {
             matches.remotes.retain(|_, remote| !is_lost(&remote.guid));
         }
+        self.new_writers.writers_lost(&is_lost);
         self.type_hashes.remove_endpoints(is_lost);
         for &local in self.matches.keys() {
             self.count(all, local);
@@ -178,14 +174,14 @@ pub(super) fn report_status(
             Event::ParticipantDiscovered { dpd } => {
                 lost_peers.discovered(&dpd.guid);
                 settling.participant_discovered(&dpd.guid);
-                if peers.started.elapsed() < FIRST_ANSWERS {
-                    peers.older.push(dpd.guid);
-                }
+                (peers.new_writers).participant_discovered(dpd.guid, Instant::now());
             }
-            Event::ReaderDetected { reader: found } | Event::WriterDetected { writer: found } => {
-                peers
-                    .type_hashes
-                    .endpoint_discovered(found.guid, &found.user_data);
+            Event::ReaderDetected { reader: found } => {
+                (peers.type_hashes).endpoint_discovered(found.guid, &found.user_data);
+            }
+            Event::WriterDetected { writer: found } => {
+                (peers.new_writers).writer_discovered(found.guid, Instant::now());
+                (peers.type_hashes).endpoint_discovered(found.guid, &found.user_data);
             }
             Event::RemoteReaderMatched {
                 local_writer,
@@ -204,7 +200,7 @@ pub(super) fn report_status(
                 }
                 settling.participant_lost(id.as_ref());
                 peers.lost(&all, |g| g.prefix == id);
-                peers.older.retain(|p| p.prefix != id);
+                (peers.new_writers).participant_lost(std::array::from_fn(|i| id.as_ref()[i]));
                 ros_discovery_info::remove_participants(graph, |g| g.prefix == id);
             }
             Event::RemoteReaderQosIncompatible {
