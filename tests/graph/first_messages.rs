@@ -9,7 +9,7 @@ use std::{
 
 use crate::{peer::python, probe::Probe};
 
-const DOMAIN: u16 = 134;
+const DOMAIN: u16 = 137;
 /// Publishers, one after the other. Of the first messages, few may be late: Fast DDS does not answer all requests.
 const PUBLISHERS: usize = 40;
 const MAY_BE_LATE: usize = 4;
