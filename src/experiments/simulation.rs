@@ -5,8 +5,8 @@ use std::{collections::BTreeMap, path::Path};
 use serde::Serialize;
 
 use super::{
-    ClosedLoop, Event, EventWatch, FinalState, Fleet, Performance, Recorded, SimulatedBag,
-    SimulatedImages, Summary,
+    ClosedLoop, Event, EventWatch, FinalState, Fleet, MissionSummary, Performance, Recorded,
+    SimulatedBag, SimulatedImages, Summary,
 };
 use crate::{
     bag::BagError,
@@ -69,14 +69,19 @@ struct Report<'a> {
     summary: &'a Summary,
     r#final: FinalState,
     events: &'a [Event],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mission: Option<MissionSummary>,
 }
 
 impl<'a> Report<'a> {
-    fn new(world: &World, summary: &'a Summary, events: &'a EventWatch) -> Self {
+    fn new(closed_loop: &ClosedLoop, summary: &'a Summary, events: &'a EventWatch) -> Self {
+        let world = &closed_loop.world;
+        let capturing = closed_loop.capturing();
         Self {
             summary,
             r#final: FinalState::of(world),
             events: events.events(),
+            mission: capturing.map(|capturing| MissionSummary::new(capturing, world)),
         }
     }
 }
@@ -273,7 +278,7 @@ fn with_reports<T>(
 ) -> T {
     let runs = fleet.robots().zip(summaries).zip(observed);
     let robots = runs.map(|(((namespace, closed_loop), summary), observed)| {
-        let report = Report::new(&closed_loop.world, summary, &observed.events);
+        let report = Report::new(closed_loop, summary, &observed.events);
         (namespace, report)
     });
     use_them(&Reports {

@@ -27,6 +27,7 @@ pub mod foxglove;
 pub mod geometry;
 mod joint_vectors;
 mod mesh;
+pub mod mission;
 mod placement;
 pub mod player;
 pub mod recorder;
@@ -47,13 +48,14 @@ use crate::ros::{Node, NodeError};
 pub type Program = fn(&Node) -> Result<(), NodeError>;
 
 /// All nodes, in the order in which `fuyu launch` starts them: subscribers before publishers.
-pub const NODES: [(&str, Program); 8] = [
+pub const NODES: [(&str, Program); 9] = [
     ("recorder", recorder::program),
     ("views", views::program),
     ("estimator", estimator::program),
     ("controller", controller::program),
     ("attitude", attitude::program),
     ("teleop", teleop::program),
+    ("mission", mission::program),
     ("camera", camera::program),
     ("dynamics", dynamics::program),
 ];

@@ -4,6 +4,8 @@
 use super::geometry_msgs::{Point, Quaternion, Vector3};
 use super::std_msgs::Header;
 
+pub mod capture;
+
 crate::messages! {
     package fuyu_msgs;
 
