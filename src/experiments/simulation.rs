@@ -9,10 +9,7 @@ use super::{
     SimulatedBag, SimulatedImages, Summary,
 };
 use crate::{
-    bag::BagError,
-    control::ConvergenceFailure,
-    nodes::{dynamics::World, scenario::Scenario},
-    vision::PoseFrame,
+    bag::BagError, control::ConvergenceFailure, nodes::scenario::Scenario, vision::PoseFrame,
 };
 
 /// Simulated time of a scenario that states none \[s\].

@@ -142,7 +142,7 @@ fn an_operator_holds_resumes_skips_and_aborts() {
     assert!(mission.skip().is_ok());
     let mut paused_at = None;
     let mut done = false;
-    run(&mut world, &mut mission, 200.0, |world, mission| {
+    run(&mut world, &mut mission, 400.0, |world, mission| {
         let time = world.time();
         match (mission.phase(), paused_at) {
             (Phase::Approach, None) if mission.progress() > 0.3 => {

@@ -37,6 +37,12 @@ impl CaptureMission {
             .then(|| format!("the target has not been seen for {silence:.1} s"))
     }
 
+    /// Why an approach that arrives at `arrival` \[s\] is to be given up because of its prediction, if it is.
+    fn too_uncertain(&mut self, arrival: f64) -> Option<String> {
+        let reason = self.uncertain(arrival, GIVEN_UP);
+        reason.filter(|_| !self.accepts_uncertainty)
+    }
+
     /// Why the prediction for an approach that arrives at `arrival` \[s\] is not good enough; `None` if it is.
     fn uncertain(&mut self, arrival: f64, factor: f64) -> Option<String> {
         let until = arrival + self.config.final_time + GRASPING;
@@ -77,6 +83,7 @@ impl CaptureMission {
             let report = self.report();
             report.set("time of observation", span, "s");
             report.set("measured poses", samples, "");
+            self.accepts_uncertainty = self.skips;
             let outcome = match self.skips {
                 true => "skipped by the operator",
                 false => "the prediction is good enough",
@@ -158,7 +165,7 @@ impl CaptureMission {
         for duration in times {
             let arrival = time + duration;
             // The limits held when observation ended, or were skipped.
-            if let Some(reason) = self.uncertain(arrival, GIVEN_UP) {
+            if let Some(reason) = self.too_uncertain(arrival) {
                 failure = reason;
                 continue;
             }
@@ -254,7 +261,7 @@ impl CaptureMission {
         if let Some(reason) = self.lost(time) {
             return self.stop(AfterStop::Abort(reason));
         }
-        if let Some(reason) = self.uncertain(plan.arrival, GIVEN_UP) {
+        if let Some(reason) = self.too_uncertain(plan.arrival) {
             return self.interrupt(reason);
         }
         if time >= plan.arrival - 1e-9 {

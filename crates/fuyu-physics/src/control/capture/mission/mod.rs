@@ -103,6 +103,8 @@ pub struct CaptureMission {
     relative: VecDeque<(f64, Pose)>,
     is_paused: bool,
     skips: bool,
+    /// The operator has ended observation before the prediction was good enough, and answers for it.
+    accepts_uncertainty: bool,
     /// What the gripper reports, if it does.
     grip: Option<bool>,
     attempt: u32,
@@ -154,6 +156,7 @@ impl CaptureMission {
             relative: VecDeque::new(),
             is_paused: false,
             skips: false,
+            accepts_uncertainty: false,
             grip: None,
             attempt: 0,
             last: None,
@@ -239,7 +242,14 @@ impl CaptureMission {
         let share = match &self.stage {
             Stage::Observe => self.track.span() / self.config.observe_time,
             Stage::Plan { .. } | Stage::Stop(..) => 0.0,
-            Stage::Approach { plan, .. } => (time - plan.start) / (plan.arrival - plan.start),
+            Stage::Approach { plan, .. } => {
+                // The plan itself begins where it was last planned.
+                let start = self
+                    .reports
+                    .last()
+                    .map_or(plan.start, |report| report.start);
+                (time - start) / (plan.arrival - start)
+            }
             Stage::Close(closing) => 0.7 * closing.progress(),
             Stage::Pull(pull) => 0.7 + 0.3 * pull.progress(time),
             Stage::Detumble(detumbling) => detumbling.progress(),
