@@ -3,7 +3,7 @@
 use fuyu_physics::control::capture::{CaptureConfig, CaptureMission, Phase};
 use nalgebra::Vector3;
 
-use crate::world::{SENSORS, Target, World, client, servicer};
+use crate::world::{SENSORS, Target, World, client, servicer, sides};
 
 fn mission(config: CaptureConfig) -> CaptureMission {
     let (model, tip, camera) = servicer();
@@ -183,7 +183,12 @@ fn dispersed_missions() {
         let axis = Vector3::from_fn(|_, _| random.random_range(-1.0..1.0));
         let target = client(mass, rate, axis);
         let mut world = World::new(&target, SENSORS, run_index);
-        let mut mission = mission(CaptureConfig::default());
+        world.grasps = sides(&target);
+        let X_GT = target.X_TG.inverse();
+        let mut mission = mission(CaptureConfig {
+            grasps: world.grasps.iter().map(|X_TK| X_GT * X_TK).collect(),
+            ..CaptureConfig::default()
+        });
         while world.time() < 400.0 && !mission.phase().is_over() {
             world.answer(&mut mission);
         }

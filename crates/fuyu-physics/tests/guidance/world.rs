@@ -64,6 +64,9 @@ pub struct World {
     pub tip: Frame,
     camera: Frame,
     X_TG: Pose,
+    /// Grasp frames in the body's, and the one that is held.
+    pub grasps: Vec<Pose>,
+    X_TK: Pose,
     body: RigidInertia,
     rotation: FreeRotation,
     sensors: Sensors,
@@ -109,6 +112,8 @@ impl World {
             tip,
             camera,
             X_TG: target.X_TG,
+            grasps: vec![target.X_TG],
+            X_TK: target.X_TG,
             body: target.body,
             rotation: rotation.unwrap(),
             sensors,
@@ -222,26 +227,7 @@ impl World {
     /// Applies a command for one period.
     pub fn apply(&mut self, efforts: &[f64], couple: Vector3<f64>, gripper: Gripper) {
         if gripper == Gripper::Close && self.held.is_none() && self.latch_works {
-            let grasp = Grasp {
-                robot: self.tip.clone(),
-                target: Frame {
-                    name: "client".to_owned(),
-                    body: 0,
-                    parent: None,
-                    X_BF: self.X_TG,
-                },
-                latch: Latch::Weld,
-                joints: JointReaction::Free,
-            };
-            if grasp
-                .check_separation(&self.robot, &self.target, 0.03, 0.06)
-                .is_ok()
-            {
-                let (held, _) = Captured::new(&self.robot, &self.target, &grasp, METHOD).unwrap();
-                held.show_robot(&mut self.robot);
-                held.show_target(&mut self.target);
-                self.held = Some(held);
-            }
+            self.latch();
         }
         if gripper == Gripper::Open
             && let Some(held) = self.held.take()
@@ -270,11 +256,40 @@ impl World {
         self.measure_grasp();
     }
 
+    /// Closes on the grasp frame at the tip, if there is one.
+    fn latch(&mut self) {
+        for X_BF in self.grasps.clone() {
+            let grasp = Grasp {
+                robot: self.tip.clone(),
+                target: Frame {
+                    name: "client".to_owned(),
+                    body: 0,
+                    parent: None,
+                    X_BF,
+                },
+                latch: Latch::Weld,
+                joints: JointReaction::Free,
+            };
+            if grasp
+                .check_separation(&self.robot, &self.target, 0.03, 0.06)
+                .is_ok()
+            {
+                let (held, _) = Captured::new(&self.robot, &self.target, &grasp, METHOD).unwrap();
+                held.show_robot(&mut self.robot);
+                held.show_target(&mut self.target);
+                self.held = Some(held);
+                self.X_TK = X_BF;
+                return;
+            }
+        }
+    }
+
     /// Force and torque at the grasp from the change of the target's momentum over a period.
     fn measure_grasp(&mut self) {
         let state = self.target.state();
         let momentum = &state.momentum_W;
-        let at = self.X_WG().translation.vector - state.p_WC;
+        let X_WK = state.X_WB(self.target.workspace()) * self.X_TK;
+        let at = X_WK.translation.vector - state.p_WC;
         let now = (momentum.linear, momentum.angular, at);
         if let (Some(before), Some(_)) = (self.momentum, &self.held) {
             let force = (now.0 - before.0) / PERIOD;
@@ -290,7 +305,7 @@ impl World {
 
     /// Mass, centre of mass and inertia of the target in the grasp frame.
     pub fn target_in_grasp_frame(&self) -> RigidInertia {
-        self.body.expressed_in(&self.X_TG.inverse())
+        self.body.expressed_in(&self.X_TK.inverse())
     }
 
     /// Feeds a mission for a period.
@@ -349,4 +364,22 @@ pub fn client(mass: f64, rate: f64, axis: Vector3<f64>) -> Target {
         X_WT: X_WG * X_TG.inverse(),
         V_WT_T: Twist::new(w, Vector3::new(0.004, -0.003, 0.002)),
     }
+}
+
+/// Grasp frames in the middle of the six sides of a cube of 1.5 m, in the body's; the first is the measured one of [`client`].
+pub fn sides(target: &Target) -> Vec<Pose> {
+    let mut all = vec![target.X_TG];
+    for n in [
+        Vector3::x(),
+        Vector3::y(),
+        -Vector3::y(),
+        Vector3::z(),
+        -Vector3::z(),
+    ] {
+        let turn = nalgebra::Rotation3::rotation_between(&Vector3::x(), &-n).unwrap_or_else(|| {
+            nalgebra::Rotation3::from_euler_angles(0.0, 0.0, std::f64::consts::PI)
+        });
+        all.push(Pose::from_parts(Translation3::from(n * 0.75), turn));
+    }
+    all
 }

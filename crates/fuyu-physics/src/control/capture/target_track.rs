@@ -273,10 +273,11 @@ impl TargetTrack {
         self.fit.as_ref().map(|fit| -fit.part(2))
     }
 
-    /// How uncertain the prediction for `time` \[s\] is; `None` while that is not known. The position's part is the
+    /// How uncertain the prediction for `time` \[s\] of a point at `p_GK` in the grasp frame \[m\] is; `None` while that is not known.
+    /// The position's part is the
     /// covariance of the fit; the rotation's is how far earlier forecasts have proved wrong per second ahead, the
     /// largest of the last ones.
-    pub fn uncertainty(&self, time: f64) -> Option<Uncertainty> {
+    pub fn uncertainty(&self, time: f64, p_GK: &Vector3<f64>) -> Option<Uncertainty> {
         let fit = self.fit.as_ref()?;
         let forecast = self.forecasts.back()?;
         if !forecast.covers(time) || self.drifts.len() < 3 || self.offsets.len() < 5 {
@@ -289,7 +290,7 @@ impl TargetTrack {
         let A = rows(time - fit.time, &R_IG);
         let P: Matrix3<f64> = A * fit.covariance * A.transpose();
         let largest = P.symmetric_eigenvalues().max().max(0.0).sqrt();
-        let by_turning = attitude * fit.part(2).norm();
+        let by_turning = attitude * (fit.part(2) + p_GK).norm();
         Some(Uncertainty {
             position: largest.hypot(by_turning),
             attitude,
@@ -358,7 +359,7 @@ mod tests {
             }
             let at = 40.0;
             let found = track.at(at).unwrap();
-            let sd = track.uncertainty(at).unwrap();
+            let sd = track.uncertainty(at, &Vector3::zeros()).unwrap();
             let (p, R) = truth(at);
             let off = (found.X.translation.vector - p).norm();
             assert!(off < 3.5 * sd.position, "{off} {sd:?}");

@@ -20,6 +20,8 @@ const GRASPING: f64 = 6.0;
 const MOST_INTERRUPTIONS: u32 = 5;
 /// Longest time without a plan from where the arm is \[s\].
 const PLANLESS: f64 = 5.0;
+/// Least cosine of the angle between the approach axis and the line from the robot to the target's centre of mass.
+const FACING: f64 = 0.1;
 
 impl CaptureMission {
     /// The grasp frame's motion shifted back along the approach axis by `distance` \[m\].
@@ -46,7 +48,10 @@ impl CaptureMission {
     /// Why the prediction for an approach that arrives at `arrival` \[s\] is not good enough; `None` if it is.
     fn uncertain(&mut self, arrival: f64, factor: f64) -> Option<String> {
         let until = arrival + self.config.final_time + GRASPING;
-        let Some(sd) = self.track.uncertainty(until) else {
+        let Some(sd) = self
+            .track
+            .uncertainty(until, &self.X_GK().translation.vector)
+        else {
             return Some("the target's motion is not estimated yet".to_owned());
         };
         let report = self.report();
@@ -155,34 +160,56 @@ impl CaptureMission {
         }
     }
 
-    /// The best of the plans with the configured durations.
+    /// Whether the chosen grasp frame is approached from the side of the robot at `time` \[s\].
+    fn is_facing(&self, time: f64) -> bool {
+        let (Some(goal), Some(center)) = (self.goal(time), self.track.center(time)) else {
+            return true;
+        };
+        let axis = goal.X.rotation * self.config.approach_axis.normalize();
+        axis.dot(&center.normalize()) > FACING
+    }
+
+    /// The best of the plans with the configured durations and grasp frames.
     fn best_plan(&mut self, time: f64) -> Result<Plan, String> {
         let start = self.start(time);
-        let mut best: Option<Plan> = None;
+        let mut best: Option<(Plan, usize)> = None;
         let mut failure = String::new();
         let mut times = self.config.approach_times.clone();
         times.sort_by(f64::total_cmp);
         for duration in times {
             let arrival = time + duration;
-            // The limits held when observation ended, or were skipped.
-            if let Some(reason) = self.too_uncertain(arrival) {
-                failure = reason;
-                continue;
-            }
-            match self.plan_to(&start, arrival, None) {
-                Ok(plan) => {
-                    let is_better = |b: &Plan| plan.base_turn.abs() < b.base_turn.abs();
-                    if best.as_ref().is_none_or(is_better) {
-                        best = Some(plan);
-                    }
-                    if self.config.objective == Objective::Time {
-                        break;
-                    }
+            for grasp in 0..self.config.grasps.len() {
+                self.choose(grasp);
+                // The limits held when observation ended, or were skipped.
+                if let Some(reason) = self.too_uncertain(arrival) {
+                    failure = reason;
+                    continue;
                 }
-                Err(e) => failure = format!("in {duration} s: {e}"),
+                if !self.is_facing(arrival) {
+                    if failure.is_empty() {
+                        failure = "no grasp frame faces the robot".to_owned();
+                    }
+                    continue;
+                }
+                match self.plan_to(&start, arrival, None) {
+                    Ok(plan) => {
+                        let is_better =
+                            |(b, _): &(Plan, usize)| plan.base_turn.abs() < b.base_turn.abs();
+                        if best.as_ref().is_none_or(is_better) {
+                            best = Some((plan, grasp));
+                        }
+                    }
+                    Err(e) => failure = format!("in {duration} s: {e}"),
+                }
+            }
+            if best.is_some() && self.config.objective == Objective::Time {
+                break;
             }
         }
-        best.ok_or(failure)
+        let (plan, grasp) = best.ok_or(failure)?;
+        self.choose(grasp);
+        self.report().set("grasp frame", grasp as f64, "");
+        Ok(plan)
     }
 
     fn plan_to(
@@ -191,7 +218,7 @@ impl CaptureMission {
         arrival: f64,
         earlier: Option<&Plan>,
     ) -> Result<Plan, PlanError> {
-        let goal = self.track.at(arrival).ok_or(PlanError::Unknown(arrival))?;
+        let goal = self.goal(arrival).ok_or(PlanError::Unknown(arrival))?;
         let goal = self.standoff(&goal, self.config.standoff);
         let centers = (
             self.track.center(start.state.time),
@@ -221,7 +248,7 @@ impl CaptureMission {
         let at = |k: u32| {
             let after = f64::from(k);
             let time = arrival + after;
-            let goal = self.track.at(time).ok_or(PlanError::Unknown(time))?;
+            let goal = self.goal(time).ok_or(PlanError::Unknown(time))?;
             let left = standoff * (1.0 - after / final_time).max(0.0);
             Ok((time, self.standoff(&goal, left)))
         };

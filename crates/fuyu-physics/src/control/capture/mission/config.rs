@@ -6,6 +6,7 @@ use crate::control::capture::{
     ClearanceConfig, DetumbleLimits, JointLimitsShare, Objective, TipLaw, TrackConfig,
 };
 use crate::control::gains::ConfigError;
+use crate::spatial::Pose;
 
 /// Settings of a [`CaptureMission`](super::CaptureMission).
 #[derive(Debug, Clone, PartialEq)]
@@ -26,6 +27,8 @@ pub struct CaptureConfig {
     pub objective: Objective,
     /// Distance from the grasp frame at which the approach ends \[m\].
     pub standoff: f64,
+    /// Poses of the grasp frames to choose from, in the measured one.
+    pub grasps: Vec<Pose>,
     /// Direction of the final approach in the grasp frame.
     pub approach_axis: Vector3<f64>,
     /// Duration of the final approach \[s\].
@@ -84,6 +87,7 @@ impl Default for CaptureConfig {
             approach_times: vec![14.0, 18.0, 22.0, 27.0, 33.0, 40.0],
             objective: Objective::BaseReaction,
             standoff: 0.4,
+            grasps: vec![Pose::identity()],
             approach_axis: Vector3::x(),
             final_time: 8.0,
             replan_period: 1.0,
@@ -180,6 +184,9 @@ impl CaptureConfig {
         }
         if self.approach_times.is_empty() {
             check_positive("approach_times", 0.0)?;
+        }
+        if self.grasps.is_empty() {
+            check_positive("grasps", 0.0)?;
         }
         let count = self.excitation.len();
         if count != 1 && count != joints {

@@ -1,6 +1,6 @@
 //! Final approach, grasp, and retreat.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use super::{AfterStop, CaptureConfig, CaptureMission, Gripper, Phase, Stage};
 use crate::control::capture::payload::presumed;
@@ -121,7 +121,7 @@ impl CaptureMission {
     /// Drives the tip to a distance (with its derivatives) from the grasp frame. Returns how far it is off; `None` if
     /// the target's motion is not known.
     fn drive_tip(&mut self, time: f64, (s, ds, dds): (f64, f64, f64)) -> Option<(f64, f64)> {
-        let goal = self.track.at(time)?;
+        let goal = self.goal(time)?;
         let axis = self.config.approach_axis.normalize();
         let goal = goal.with_offset(&(axis * -s), &(axis * -ds), &(axis * -dds));
         let (efforts, off) = self.impedance.efforts(self.own.state(), &goal);
@@ -244,7 +244,9 @@ impl CaptureMission {
         let com = self
             .track
             .center_in_grasp_frame()
-            .unwrap_or_else(Vector3::zeros);
+            .map_or_else(Vector3::zeros, |p_GT| {
+                (self.X_GK().inverse() * Point3::from(p_GT)).coords
+            });
         let (mass, gyration) = self.config.presumed;
         // Tip and grasp frame coincide.
         if self.take(presumed(mass, com, gyration), false).is_err() {

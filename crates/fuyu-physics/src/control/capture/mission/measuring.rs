@@ -23,7 +23,8 @@ impl CaptureMission {
             if self.held.is_none() {
                 self.track.add_pose(time, &(X_IB * X_BG));
             }
-            self.relative.push_back((time, X_BE.inverse() * X_BG));
+            self.relative
+                .push_back((time, X_BE.inverse() * X_BG * self.X_GK()));
             while (self.relative.front()).is_some_and(|(t, _)| *t < time - RELATIVE_WINDOW) {
                 self.relative.pop_front();
             }

@@ -18,6 +18,7 @@ use std::collections::VecDeque;
 use nalgebra::{DVector, UnitQuaternion, Vector3};
 
 use super::Clearance;
+use super::FrameMotion;
 use super::own_motion::OwnMotion;
 use super::payload::with_payload;
 use super::plan::Plan;
@@ -92,6 +93,8 @@ pub struct CaptureMission {
     servo: JointServo,
     impedance: TipImpedance,
     held: Option<Held>,
+    /// Which of the grasp frames is chosen.
+    grasp: usize,
     stage: Stage,
     reports: Vec<PhaseReport>,
     reference: Vec<JointPoint>,
@@ -148,6 +151,7 @@ impl CaptureMission {
             servo: JointServo::new(model, config.joint_bandwidth),
             impedance: TipImpedance::new(model, tip, config.tip_law),
             held: None,
+            grasp: 0,
             stage: Stage::Observe,
             reports: Vec::new(),
             reference: Vec::new(),
@@ -186,6 +190,24 @@ impl CaptureMission {
     /// Motion of the target, as far as it is known.
     pub fn track(&self) -> &TargetTrack {
         &self.track
+    }
+
+    /// Pose of the chosen grasp frame in the measured one.
+    pub fn X_GK(&self) -> &Pose {
+        &self.config.grasps[self.grasp]
+    }
+
+    /// Predicted motion of the chosen grasp frame in I.
+    fn goal(&self, time: f64) -> Option<FrameMotion> {
+        Some(self.track.at(time)?.of_fixed(self.X_GK()))
+    }
+
+    /// Chooses a grasp frame.
+    fn choose(&mut self, grasp: usize) {
+        if grasp != self.grasp {
+            self.grasp = grasp;
+            self.relative.clear();
+        }
     }
 
     /// The present phase; observation before the first step.
