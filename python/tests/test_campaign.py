@@ -104,7 +104,13 @@ def test_an_exception_ends_a_campaign_which_continues(file, tmp_path):
 def test_ctrl_c_ends_a_campaign(file, tmp_path):
     program = f"import fuyu; fuyu.Campaign({str(file)!r}, runs=100000).run({str(tmp_path / 'cut')!r}, jobs=2)"
     process = subprocess.Popen(
-        [sys.executable, "-c", program], stderr=subprocess.PIPE, text=True, start_new_session=True, cwd=tmp_path
+        [sys.executable, "-c", program],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        cwd=tmp_path,
+        # What a shell starts in the background ignores it, and so would everything below.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     while process.poll() is None and not any((tmp_path / "cut" / "journal").glob("*")):
         time.sleep(0.05)
