@@ -1,7 +1,9 @@
 //! Whole missions: from observation to the identified target.
 
 use fuyu_physics::control::capture::{CaptureConfig, CaptureMission, Phase};
-use nalgebra::Vector3;
+use std::f64::consts::PI;
+
+use nalgebra::{Rotation3, Vector3};
 
 use crate::world::{SENSORS, Target, World, client, servicer, sides};
 
@@ -181,7 +183,9 @@ fn dispersed_missions() {
         let mass = random.random_range(60.0..500.0);
         let rate = random.random_range(0.5f64..5.0).to_radians();
         let axis = Vector3::from_fn(|_, _| random.random_range(-1.0..1.0));
-        let target = client(mass, rate, axis);
+        let mut target = client(mass, rate, axis);
+        let turn = Vector3::from_fn(|_, _| random.random_range(-1.0..1.0)) * PI;
+        target.X_WT.rotation = Rotation3::from_scaled_axis(turn);
         let mut world = World::new(&target, SENSORS, run_index);
         world.grasps = sides(&target);
         let X_GT = target.X_TG.inverse();

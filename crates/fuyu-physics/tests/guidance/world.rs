@@ -350,18 +350,14 @@ pub fn client(mass: f64, rate: f64, axis: Vector3<f64>) -> Target {
         Translation3::new(-0.75, 0.1, 0.05),
         nalgebra::Rotation3::identity(),
     );
-    let (model, tip, _) = servicer();
-    let mut workspace = Workspace::new(&model);
-    workspace.set_positions(&posture());
-    let X_WE = workspace.X_BF(&tip);
-    let ahead = Translation3::new(0.55, 0.1, 0.1);
-    let turned = UnitQuaternion::from_euler_angles(0.2, -0.15, 0.1);
-    let X_WG = X_WE * Pose::from_parts(ahead, turned.to_rotation_matrix());
+    // Ahead of the shoulder; the grasp frame is on the side of the robot.
+    let place = Translation3::new(-0.8, 5.2, 0.0);
+    let turn = UnitQuaternion::from_euler_angles(0.2, -0.15, 0.1 + std::f64::consts::FRAC_PI_2);
     let w = axis.normalize() * rate;
     Target {
         body,
         X_TG,
-        X_WT: X_WG * X_TG.inverse(),
+        X_WT: Pose::from_parts(place, turn.to_rotation_matrix()),
         V_WT_T: Twist::new(w, Vector3::new(0.004, -0.003, 0.002)),
     }
 }

@@ -32,6 +32,29 @@ impl Excitation {
         }
     }
 
+    /// When it begins \[s\].
+    pub fn start(&self) -> f64 {
+        self.start
+    }
+
+    /// How long it lasts \[s\].
+    pub fn duration(&self) -> f64 {
+        self.duration
+    }
+
+    /// Largest rate of joint `j` \[rad/s or m/s\], or a little more.
+    pub(super) fn largest_rate(&self, j: usize) -> f64 {
+        let k = self.periods(j);
+        let w = TAU / self.duration;
+        self.amplitudes[j].abs() * w * (k + 1.0)
+    }
+
+    /// Periods of joint `j`.
+    fn periods(&self, j: usize) -> f64 {
+        let moving = self.amplitudes[j + 1..].iter();
+        (SLOWEST + moving.filter(|a| **a != 0.0).count()) as f64
+    }
+
     /// When it ends \[s\].
     pub fn end(&self) -> f64 {
         self.start + self.duration
@@ -40,11 +63,7 @@ impl Excitation {
     /// Joint `j` at `time` \[s\].
     pub fn at(&self, j: usize, time: f64) -> JointPoint {
         let t = (time - self.start).clamp(0.0, self.duration);
-        let moving = self.amplitudes[j + 1..]
-            .iter()
-            .filter(|a| **a != 0.0)
-            .count();
-        let k = (SLOWEST + moving) as f64;
+        let k = self.periods(j);
         let A = self.amplitudes[j];
         // sin(a) sin²(b) = sin(a)/2 - (sin(a + 2b) + sin(a - 2b)) / 4, and 2b has one period.
         let parts = [(k, 0.5), (k + 1.0, -0.25), (k - 1.0, -0.25)];

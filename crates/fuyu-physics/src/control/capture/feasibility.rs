@@ -4,7 +4,7 @@ use nalgebra::{DVector, UnitQuaternion};
 
 use super::clearance::Distances;
 use super::frame_motion::FrameMotion;
-use super::plan::{Plan, PlanError, SINGULAR, point};
+use super::plan::{Plan, PlanError, Reserve, SINGULAR, point};
 use super::rendezvous::{Rendezvous, RendezvousPlanner};
 use super::shooting::{End, PIECES, Shot};
 use crate::control::commander::JointPoint;
@@ -72,12 +72,13 @@ impl RendezvousPlanner {
         }
     }
 
-    /// The plan, if it respects the limits.
+    /// The plan, if it respects the limits and leaves `reserve` of them.
     pub(super) fn checked(
         &mut self,
         task: &Rendezvous,
         shot: Shot,
         bumps: DVector<f64>,
+        reserve: Reserve,
     ) -> Result<Plan, PlanError> {
         let T = task.duration();
         self.check_singular(&shot.end.q, task.arrival)?;
@@ -93,13 +94,16 @@ impl RendezvousPlanner {
             squares += rate.norm_squared() / PIECES as f64;
             let here = self.distances(task, &shot, &bumps, &R_IB, piece + 1);
             distances = distances.least(here);
-            self.check_joints(task, &shot, &bumps, &R_IB, piece + 1)?;
+            self.check_joints(task, (&shot, &bumps), &R_IB, piece + 1, reserve)?;
         }
         let closest = [
-            ("the keep-out sphere of the target", distances.keep_out),
+            (
+                "the keep-out sphere of the target",
+                distances.keep_out - reserve.distance,
+            ),
             (
                 "another part of the robot",
-                distances.own - self.clearance.config().margin,
+                distances.own - self.clearance.config().margin - reserve.distance,
             ),
         ];
         if let Some((what, distance)) = closest.into_iter().find(|(_, d)| *d < 0.0) {
@@ -123,10 +127,10 @@ impl RendezvousPlanner {
     pub(super) fn check_joints(
         &mut self,
         task: &Rendezvous,
-        shot: &Shot,
-        bumps: &DVector<f64>,
+        (shot, bumps): (&Shot, &DVector<f64>),
         R_IB: &UnitQuaternion<f64>,
         piece: usize,
+        reserve: Reserve,
     ) -> Result<(), PlanError> {
         let (s, T) = (piece as f64 / PIECES as f64, task.duration());
         let n = self.model.dof();
@@ -156,19 +160,20 @@ impl RendezvousPlanner {
                     limit,
                 })
             };
+            let left = 1.0 - reserve.share;
             let fastest = self.fastest(j);
             let violated = exceeds("position", here.q[j], limits.upper)
                 .or(exceeds("position", -here.q[j], -limits.lower))
-                .or(exceeds("rate", here.qd[j].abs(), fastest))
+                .or(exceeds("rate", here.qd[j].abs(), fastest * left))
                 .or(exceeds(
                     "acceleration",
                     here.qdd[j].abs(),
-                    self.limits.acceleration,
+                    self.limits.acceleration * left,
                 ))
                 .or(exceeds(
                     "effort",
                     efforts[j].abs(),
-                    limits.effort * self.limits.effort,
+                    limits.effort * self.limits.effort * left,
                 ));
             if let Some(error) = violated {
                 return Err(error);

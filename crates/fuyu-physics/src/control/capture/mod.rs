@@ -16,6 +16,7 @@
 mod clearance;
 mod detumble;
 mod excitation;
+mod excitation_load;
 mod feasibility;
 #[cfg(test)]
 pub(in crate::control::capture) mod fixtures;

@@ -58,6 +58,28 @@ impl Default for JointLimitsShare {
     }
 }
 
+/// What a plan leaves of the limits, so that those which follow it on the way find some room.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reserve {
+    /// Share of the joints' limits of rate, acceleration and effort.
+    pub share: f64,
+    /// Distance \[m\].
+    pub distance: f64,
+}
+
+impl Reserve {
+    /// Of the first plan.
+    pub const FIRST: Self = Self {
+        share: 0.1,
+        distance: 0.02,
+    };
+    /// Of those that follow.
+    pub const NONE: Self = Self {
+        share: 0.0,
+        distance: 0.0,
+    };
+}
+
 /// Why there is no plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {

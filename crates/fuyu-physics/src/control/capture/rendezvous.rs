@@ -11,7 +11,7 @@ use nalgebra::{DVector, Matrix6xX, Vector3};
 
 use super::clearance::Clearance;
 use super::frame_motion::FrameMotion;
-use super::plan::{JointLimitsShare, Plan, PlanError, Start, rank};
+use super::plan::{JointLimitsShare, Plan, PlanError, Reserve, Start, quintic, quintic_at, rank};
 use super::shooting::End;
 use crate::control::commander::JointPoint;
 use crate::dynamics::{Input, Workspace};
@@ -92,7 +92,8 @@ impl RendezvousPlanner {
         best.ok_or_else(|| failure.unwrap_or(PlanError::NoPosture(task.arrival)))
     }
 
-    /// The same with the end and shape of an earlier plan as start of the search.
+    /// The same along the way of an earlier plan that is being followed: joints pass through where that one has them in the
+    /// middle of what is left, and the search for the end begins at its end.
     ///
     /// # Errors
     /// [`PlanError`].
@@ -106,10 +107,15 @@ impl RendezvousPlanner {
             qd: of(|p| p.rate),
             qdd: of(|p| p.acceleration),
         };
-        // The bumps fade with the way that is left.
-        let left = task.duration() / (earlier.arrival - earlier.start).max(1e-9);
-        let bumps = &earlier.bumps * left.clamp(0.0, 1.0).powi(3);
+        // A bump is 1 in the middle of the way.
+        let T = task.duration();
+        let middle = task.arrival - 0.5 * T;
+        let bumps = DVector::from_fn(n, |j, _| {
+            let last = earlier.at(j, earlier.arrival);
+            let straight = quintic_at(&quintic(&task.start.joints[j], &last, T), 0.5, T);
+            earlier.at(j, middle).position - straight.position
+        });
         let shot = self.shoot(task, end, &bumps)?;
-        self.checked(task, shot, bumps)
+        self.checked(task, shot, bumps, Reserve::NONE)
     }
 }

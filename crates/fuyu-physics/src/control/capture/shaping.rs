@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, UnitQuaternion};
 
 use super::clearance::Distances;
-use super::plan::{Plan, PlanError, point};
+use super::plan::{Plan, PlanError, Reserve, point};
 use super::rendezvous::{Rendezvous, RendezvousPlanner};
 use super::shooting::{PIECES, Shot};
 
@@ -54,7 +54,7 @@ impl RendezvousPlanner {
                 break;
             }
         }
-        self.checked(task, shot, bumps)
+        self.checked(task, shot, bumps, Reserve::FIRST)
     }
 
     /// What the bumps make small: the base's angular velocity, clearances that are violated, and the bumps.

@@ -1,15 +1,14 @@
-//! Observe, plan, approach.
+//! Observe, and approach.
 
 use super::grasp::Closing;
+use super::search::Search;
 use super::{AfterStop, CaptureMission, Phase, Stage};
 use crate::control::capture::plan::{Plan, PlanError, Start};
 use crate::control::capture::rendezvous::Rendezvous;
-use crate::control::capture::{FrameMotion, Objective};
+use crate::control::capture::FrameMotion;
 
 /// Largest deviation of a joint from its reference \[rad or m\].
 const LARGEST_DEVIATION: f64 = 0.2;
-/// Time between two searches for a plan \[s\].
-const SEARCH_PERIOD: f64 = 2.0;
 /// Share of the way, from its end, in which the plan is not changed any more.
 const FROZEN: f64 = 0.15;
 /// Ratio of uncertainty and limit at which an approach is given up.
@@ -20,8 +19,6 @@ const GRASPING: f64 = 6.0;
 const MOST_INTERRUPTIONS: u32 = 5;
 /// Longest time without a plan from where the arm is \[s\].
 const PLANLESS: f64 = 5.0;
-/// Least cosine of the angle between the approach axis and the line from the robot to the target's centre of mass.
-const FACING: f64 = 0.1;
 
 impl CaptureMission {
     /// The grasp frame's motion shifted back along the approach axis by `distance` \[m\].
@@ -40,7 +37,7 @@ impl CaptureMission {
     }
 
     /// Why an approach that arrives at `arrival` \[s\] is to be given up because of its prediction, if it is.
-    fn too_uncertain(&mut self, arrival: f64) -> Option<String> {
+    pub(super) fn too_uncertain(&mut self, arrival: f64) -> Option<String> {
         let reason = self.uncertain(arrival, GIVEN_UP);
         reason.filter(|_| !self.accepts_uncertainty)
     }
@@ -94,125 +91,18 @@ impl CaptureMission {
                 false => "the prediction is good enough",
             };
             self.enter(time, Phase::Plan, outcome);
-            return Stage::Plan { next: time };
+            return Stage::Plan(Box::new(Search::at(time)));
         }
         let waits = reason.clone();
         self.note =
             waits.unwrap_or_else(|| format!("{:.0} s of observation", self.config.observe_time));
-        self.give_up_waiting(time, reason).unwrap_or(Stage::Observe)
-    }
-
-    /// Aborts if the approach has not begun in time.
-    fn give_up_waiting(&mut self, time: f64, reason: Option<String>) -> Option<Stage> {
-        if self.waited <= self.config.observe_timeout {
-            return None;
-        }
-        let reason = (self.lost(time))
-            .or(reason)
-            .unwrap_or_else(|| "the target has not been observed for long enough".to_owned());
-        Some(self.stop(AfterStop::Abort(format!(
-            "no approach after {:.0} s of waiting: {reason}",
-            self.config.observe_timeout
-        ))))
-    }
-
-    /// Searches for a plan.
-    pub(super) fn search(&mut self, time: f64, next: f64) -> Stage {
-        self.track_reference();
-        if self.is_paused || time < next {
-            return Stage::Plan { next };
-        }
-        let waited = match self.lost(time) {
-            Some(lost) => Err(lost),
-            None => self.best_plan(time),
-        };
-        match waited {
-            Ok(plan) => {
-                let report = self.report();
-                report.set("duration of the approach", plan.arrival - plan.start, "s");
-                report.set("planned turn of the base", plan.base_turn, "rad");
-                report.set(
-                    "planned clearance of the target",
-                    plan.distances.keep_out,
-                    "m",
-                );
-                self.enter(time, Phase::Approach, "a rendezvous is planned");
-                Stage::Approach {
-                    plan: Box::new(plan),
-                    planned: time,
-                }
-            }
-            Err(reason) => {
-                let next = time + SEARCH_PERIOD;
-                self.note.clone_from(&reason);
-                self.give_up_waiting(time, Some(reason))
-                    .unwrap_or(Stage::Plan { next })
-            }
+        match self.waited <= self.config.observe_timeout {
+            true => Stage::Observe,
+            false => self.give_up_waiting(time, reason),
         }
     }
 
-    fn start(&self, time: f64) -> Start {
-        let mut state = self.own.state().clone();
-        state.time = time;
-        Start {
-            state,
-            joints: self.reference.clone(),
-        }
-    }
-
-    /// Whether the chosen grasp frame is approached from the side of the robot at `time` \[s\].
-    fn is_facing(&self, time: f64) -> bool {
-        let (Some(goal), Some(center)) = (self.goal(time), self.track.center(time)) else {
-            return true;
-        };
-        let axis = goal.X.rotation * self.config.approach_axis.normalize();
-        axis.dot(&center.normalize()) > FACING
-    }
-
-    /// The best of the plans with the configured durations and grasp frames.
-    fn best_plan(&mut self, time: f64) -> Result<Plan, String> {
-        let start = self.start(time);
-        let mut best: Option<(Plan, usize)> = None;
-        let mut failure = String::new();
-        let mut times = self.config.approach_times.clone();
-        times.sort_by(f64::total_cmp);
-        for duration in times {
-            let arrival = time + duration;
-            for grasp in 0..self.config.grasps.len() {
-                self.choose(grasp);
-                // The limits held when observation ended, or were skipped.
-                if let Some(reason) = self.too_uncertain(arrival) {
-                    failure = reason;
-                    continue;
-                }
-                if !self.is_facing(arrival) {
-                    if failure.is_empty() {
-                        failure = "no grasp frame faces the robot".to_owned();
-                    }
-                    continue;
-                }
-                match self.plan_to(&start, arrival, None) {
-                    Ok(plan) => {
-                        let is_better =
-                            |(b, _): &(Plan, usize)| plan.base_turn.abs() < b.base_turn.abs();
-                        if best.as_ref().is_none_or(is_better) {
-                            best = Some((plan, grasp));
-                        }
-                    }
-                    Err(e) => failure = format!("in {duration} s: {e}"),
-                }
-            }
-            if best.is_some() && self.config.objective == Objective::Time {
-                break;
-            }
-        }
-        let (plan, grasp) = best.ok_or(failure)?;
-        self.choose(grasp);
-        self.report().set("grasp frame", grasp as f64, "");
-        Ok(plan)
-    }
-
-    fn plan_to(
+    pub(super) fn plan_to(
         &mut self,
         start: &Start,
         arrival: f64,

@@ -57,6 +57,9 @@ pub struct CaptureConfig {
     pub slip: (f64, f64),
     /// Presumed mass of the target \[kg\] and radius of gyration \[m\], until they are identified.
     pub presumed: (f64, f64),
+    /// Mass \[kg\] and radius of gyration \[m\] of the heaviest target: the first excitation loads the grasp within its limits
+    /// with that one.
+    pub heaviest: (f64, f64),
     /// Time in which the joints come to rest after the grasp \[s\].
     pub settle_time: f64,
     /// Limits for detumbling.
@@ -67,8 +70,8 @@ pub struct CaptureConfig {
     pub detumble_timeout: f64,
     /// Duration of the excitation \[s\].
     pub excitation_time: f64,
-    /// Amplitude of each joint in the excitation \[rad or m\]; one value is for the last three joints, and a twentieth of it
-    /// for the others, which move the target much further.
+    /// Amplitude of each joint in the excitation \[rad or m\]; one value is for the last three joints, and an eighth of it for
+    /// the others, which move the target much further. The limits at the grasp may make all smaller, or twice as large.
     pub excitation: Vec<f64>,
     /// Standard deviation of the gyro's noise \[rad/s\].
     pub gyro_noise: f64,
@@ -81,7 +84,7 @@ impl Default for CaptureConfig {
         Self {
             track: TrackConfig::default(),
             observe_time: 12.0,
-            observe_timeout: 120.0,
+            observe_timeout: 240.0,
             position_limit: 0.02,
             attitude_limit: 0.03,
             approach_times: vec![14.0, 18.0, 22.0, 27.0, 33.0, 40.0],
@@ -105,11 +108,12 @@ impl Default for CaptureConfig {
             attempts: 2,
             slip: (0.03, 0.1),
             presumed: (170.0, 0.7),
+            heaviest: (600.0, 1.0),
             settle_time: 4.0,
             detumble: DetumbleLimits::default(),
             final_rate: 5e-4,
             detumble_timeout: 300.0,
-            excitation_time: 30.0,
+            excitation_time: 35.0,
             excitation: vec![0.4],
             gyro_noise: 1e-4,
             condition_limit: 1e3,
@@ -152,6 +156,8 @@ impl CaptureConfig {
             ("slip_angle", self.slip.1),
             ("presumed_mass", self.presumed.0),
             ("presumed_gyration", self.presumed.1),
+            ("heaviest_mass", self.heaviest.0),
+            ("heaviest_gyration", self.heaviest.1),
             ("settle_time", self.settle_time),
             ("couple", self.detumble.couple),
             ("grasp_force", self.detumble.grasp_force),
@@ -205,7 +211,7 @@ impl CaptureConfig {
             [one] if joints > 1 => {
                 let moves = |j: usize| j + 3 >= joints;
                 (0..joints)
-                    .map(|j| if moves(j) { *one } else { one / 20.0 })
+                    .map(|j| if moves(j) { *one } else { one / 8.0 })
                     .collect()
             }
             all => all.to_vec(),

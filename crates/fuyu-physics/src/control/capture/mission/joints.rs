@@ -1,5 +1,6 @@
 //! Motion of the joints: references, and how they come to rest.
 
+use super::search::Search;
 use super::{AfterStop, CaptureMission, Phase, Stage};
 use crate::control::capture::inertial_state;
 use crate::control::commander::{JointDuty, JointPoint, JointSpline};
@@ -51,7 +52,7 @@ impl CaptureMission {
                     let outcome = format!("interrupted, it plans again: {reason}");
                     self.enter(time, Phase::Plan, &outcome);
                 }
-                Stage::Plan { next: time }
+                Stage::Plan(Box::new(Search::at(time)))
             }
             AfterStop::Abort(reason) => {
                 self.enter(time, Phase::Aborted, &reason);

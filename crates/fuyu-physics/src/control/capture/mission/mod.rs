@@ -7,6 +7,7 @@ mod grasp;
 mod joints;
 mod measuring;
 mod report;
+mod search;
 mod stabilise;
 
 pub use command::{Command, Gripper, MissionError, Sample};
@@ -50,10 +51,7 @@ pub(super) struct Held {
 #[derive(Debug, Clone)]
 pub(super) enum Stage {
     Observe,
-    Plan {
-        /// When to try next \[s\].
-        next: f64,
-    },
+    Plan(Box<search::Search>),
     Approach {
         plan: Box<Plan>,
         /// When it was last planned \[s\].
@@ -229,7 +227,7 @@ impl CaptureMission {
     /// What it waits for, as a line; empty if it does not wait.
     pub fn waits_for(&self) -> &str {
         match self.stage {
-            Stage::Observe | Stage::Plan { .. } => &self.note,
+            Stage::Observe | Stage::Plan(_) => &self.note,
             _ => "",
         }
     }
@@ -263,7 +261,7 @@ impl CaptureMission {
         let time = self.own.state().time;
         let share = match &self.stage {
             Stage::Observe => self.track.span() / self.config.observe_time,
-            Stage::Plan { .. } | Stage::Stop(..) => 0.0,
+            Stage::Plan(_) | Stage::Stop(..) => 0.0,
             Stage::Approach { plan, .. } => {
                 // The plan itself begins where it was last planned.
                 let start = self
@@ -380,7 +378,7 @@ impl CaptureMission {
         self.wheels = sample.wheels;
         let restarted = self.own.add(time, q, qd, &sample.w_B);
         let before = self.last.replace(time);
-        let waits = matches!(self.stage, Stage::Observe | Stage::Plan { .. }) && !self.is_paused;
+        let waits = matches!(self.stage, Stage::Observe | Stage::Plan(_)) && !self.is_paused;
         if waits && let Some(before) = before {
             self.waited += (time - before).clamp(0.0, LONGEST_PERIOD);
         }
@@ -396,7 +394,7 @@ impl CaptureMission {
         let stage = std::mem::replace(&mut self.stage, Stage::Rest);
         self.stage = match stage {
             Stage::Observe => self.observe(time),
-            Stage::Plan { next } => self.search(time, next),
+            Stage::Plan(search) => self.search(time, search),
             Stage::Approach { plan, planned } => self.approach(time, plan, planned),
             Stage::Close(closing) => self.close_in(time, closing),
             Stage::Pull(pull) => self.pull(time, pull),

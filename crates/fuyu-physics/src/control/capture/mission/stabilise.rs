@@ -3,19 +3,21 @@
 use nalgebra::Vector3;
 
 use super::{AfterStop, CaptureMission, Gripper, Phase, Stage};
+use crate::control::capture::excitation_load;
+use crate::control::capture::payload::{presumed, with_payload};
 use crate::control::capture::plan::{quintic, quintic_at};
 use crate::control::capture::{Detumbler, Excitation, inertial_state, payload};
 use crate::control::commander::{JointPoint, JointSpline};
+use crate::dynamics::Workspace;
 use crate::estimation::inertia::{GyroSample, identify};
+use crate::spatial::RigidInertia;
 
 /// Time constant of the end of detumbling \[s\].
 const TIME_CONSTANT: f64 = 3.0;
 /// How long the rotation must have been slow \[s\].
 const CALM: f64 = 1.0;
-/// Mass for which the configured excitation is made \[kg\].
-const EXCITED_MASS: f64 = 250.0;
 /// Time between two samples for the identification \[s\].
-const SAMPLING: f64 = 0.02;
+const SAMPLING: f64 = 0.01;
 
 /// Detumbling.
 #[derive(Debug, Clone)]
@@ -73,7 +75,8 @@ pub(in crate::control::capture) struct Identifying {
     earlier: usize,
     sampled: f64,
     accuracy: Accuracy,
-    scale: f64,
+    /// For which body it is sized.
+    body: RigidInertia,
     is_again: bool,
     /// How the joints come to rest in a pause.
     rest: Option<Box<JointSpline>>,
@@ -142,7 +145,8 @@ impl CaptureMission {
             };
             self.report().set("angular velocity after", rate, "rad/s");
             self.enter(time, Phase::Identify, outcome);
-            return self.excite(time, 1.0, Vec::new());
+            let heaviest = self.heaviest();
+            return self.excite(time, heaviest, Vec::new());
         }
         if since > self.config.detumble_timeout {
             let reason = format!("still {rate:.5} rad/s after {since:.0} s of detumbling");
@@ -186,21 +190,42 @@ impl CaptureMission {
         self.stop(AfterStop::Abort(reason))
     }
 
-    /// Begins to move the joints for the identification.
-    fn excite(&mut self, time: f64, scale: f64, samples: Vec<GyroSample>) -> Stage {
+    /// The heaviest body that the target may be, with its centre of mass where the presumed one is.
+    fn heaviest(&self) -> RigidInertia {
+        let (mass, gyration) = self.config.heaviest;
+        let held = self.held.as_ref();
+        presumed(
+            mass,
+            held.map_or_else(Vector3::zeros, |held| held.payload.com),
+            gyration,
+        )
+    }
+
+    /// Begins to move the joints for the identification, as far as the limits at the grasp allow with `body`.
+    fn excite(&mut self, time: f64, body: RigidInertia, samples: Vec<GyroSample>) -> Stage {
         let n = self.reference.len();
         let positions: Vec<f64> = self.reference.iter().map(|p| p.position).collect();
-        let amplitudes: Vec<f64> = self.config.amplitudes(n);
-        let amplitudes: Vec<f64> = amplitudes.iter().map(|a| a * scale).collect();
+        let limits = &self.config.detumble;
+        let whole = match with_payload(&self.model, &self.tip, &body) {
+            Ok(whole) => whole,
+            Err(e) => return self.stop(AfterStop::Abort(format!("not identified: {e}"))),
+        };
+        let excitation = excitation_load::sized(
+            (&self.model, &mut Workspace::new(&whole)),
+            (&self.tip, &body),
+            (time, self.config.excitation_time),
+            (&positions, &self.config.amplitudes(n)),
+            (limits.grasp_force, limits.grasp_torque),
+        );
         Stage::Identify(Identifying {
-            excitation: Excitation::new(time, self.config.excitation_time, &positions, &amplitudes),
+            excitation,
             begin: time,
             is_again: !samples.is_empty(),
             earlier: samples.len(),
             samples,
             sampled: f64::NEG_INFINITY,
             accuracy: Accuracy::default(),
-            scale,
+            body,
             rest: None,
         })
     }
@@ -213,7 +238,7 @@ impl CaptureMission {
             // With the samples of the excitation before, if there was one.
             let mut kept = identifying.samples;
             kept.truncate(identifying.earlier);
-            return self.excite(time, identifying.scale, kept);
+            return self.excite(time, identifying.body, kept);
         }
         if let Some(reason) = self.slipped(time) {
             return self.let_go(reason);
@@ -252,11 +277,8 @@ impl CaptureMission {
         };
         self.report().set(name, accuracy, "");
         match (self.evaluate(&identifying.samples), is_again) {
-            (Ok(mass), false) => {
-                // A light target may be moved further, a heavy one less, for the same force.
-                let scale = (EXCITED_MASS / mass).clamp(0.5, 2.0);
-                self.excite(time, scale, identifying.samples)
-            }
+            // A light target may be moved further for the same force.
+            (Ok(body), false) => self.excite(time, body, identifying.samples),
             (Ok(_), true) => {
                 self.enter(time, Phase::Done, "captured, stopped and identified");
                 Stage::Rest
@@ -278,8 +300,8 @@ impl CaptureMission {
         Stage::Identify(identifying)
     }
 
-    /// Identifies the target from the samples, and computes with it from now on. Its mass \[kg\].
-    fn evaluate(&mut self, samples: &[GyroSample]) -> Result<f64, String> {
+    /// Identifies the target from the samples, and computes with it from now on. Its inertia in the tip's frame.
+    fn evaluate(&mut self, samples: &[GyroSample]) -> Result<RigidInertia, String> {
         let noise = self.config.gyro_noise;
         let found = identify(&self.model, &self.tip, samples, None, noise);
         let found = found.map_err(|e| e.to_string())?;
@@ -311,6 +333,6 @@ impl CaptureMission {
                 .ok_or_else(|| e.to_string())?,
         };
         self.take(valid, true).map_err(|e| e.to_string())?;
-        Ok(rigid.mass)
+        Ok(valid)
     }
 }
