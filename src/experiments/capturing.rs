@@ -142,7 +142,7 @@ impl Capturing {
         world: &mut World,
         frames: &mut Vec<PoseFrame>,
     ) -> Result<CaptureAnswer<'_>, String> {
-        self.load.see(world, self.target, &self.X_TG);
+        self.load.see(world, self.target, &self.tip);
         let stamp = Time::from_secs_f64(world.time());
         let time = stamp.as_secs_f64();
         let at = |e: String| format!("at {time:.2} s: mission: {e}");

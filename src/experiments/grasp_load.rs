@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 
 use crate::{
+    model::Frame,
     nodes::dynamics::{FreeBody, World},
-    spatial::Pose,
 };
 
 /// Largest force and torque at the grasp, from the change of the target's momentum between states.
@@ -24,20 +24,20 @@ struct Sample {
 }
 
 impl GraspLoad {
-    /// Sees a state of the target with index `target`, which is grasped at `X_TG`.
-    pub fn see(&mut self, world: &World, target: usize, X_TG: &Pose) {
+    /// Sees a state of the target with index `target`, which the robot holds by `tip`, if it holds it.
+    pub fn see(&mut self, world: &World, target: usize, tip: &Frame) {
         let target = &world.targets[target];
         if world.held_target() != Some(target.name.as_str()) {
             self.before = None;
             return;
         }
         let state = target.body.state();
-        let X_WG = target.body.X_WB() * X_TG;
+        let X_WE = world.robot.X_WB() * world.robot.X_BF(tip);
         let now = Sample {
             time: world.time(),
             linear: state.momentum_W.linear,
             angular: state.momentum_W.angular,
-            arm: X_WG.translation.vector - state.p_WC,
+            arm: X_WE.translation.vector - state.p_WC,
         };
         if let Some(before) = self.before.replace(now) {
             let dt = now.time - before.time;

@@ -124,7 +124,7 @@ pub fn mission_lines(capturing: &Capturing, world: &World) -> String {
         };
         for f in &report.figures {
             let value = format!("{} {}", short(f.value), f.unit);
-            let _ = writeln!(out, "  {:<50}{}", f.name, value.trim_end());
+            let _ = writeln!(out, "  {:<54}{}", f.name, value.trim_end());
         }
     }
     if summary.grasp_force > 0.0 {

@@ -12,6 +12,8 @@ use crate::{
     bag::BagError, control::ConvergenceFailure, nodes::scenario::Scenario, vision::PoseFrame,
 };
 
+/// Time that is simulated after the last mission is over \[s\].
+const AFTER_MISSIONS: f64 = 2.0;
 /// Simulated time of a scenario that states none \[s\].
 const DEFAULT_DURATION: f64 = 60.0;
 
@@ -162,9 +164,14 @@ pub fn simulate(
     }
 }
 
-/// Whether the present state is the last one.
+/// Whether the present state is the last one: the duration has passed, or there are missions and all have been over for
+/// [`AFTER_MISSIONS`].
 pub(super) fn is_over(fleet: &Fleet, duration: f64) -> bool {
-    fleet.time() >= duration - 1e-9
+    let missions = fleet.robots().filter_map(|(_, run)| run.capturing());
+    let ends = missions.map(|capturing| capturing.mission().ended());
+    let last = ends.reduce(|a, b| Some(a?.max(b?))).flatten();
+    let end = last.map_or(duration, |last| duration.min(last + AFTER_MISSIONS));
+    fleet.time() >= end - 1e-9
 }
 
 impl Observed {

@@ -28,6 +28,7 @@ pub mod geometry;
 mod joint_vectors;
 mod mesh;
 pub mod mission;
+mod named_lists;
 mod placement;
 pub mod player;
 pub mod recorder;

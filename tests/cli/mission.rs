@@ -5,7 +5,7 @@ use serde_json::Value;
 use super::fuyu::fuyu;
 
 fn phase<'a>(run: &'a Value, name: &str) -> &'a Value {
-    let phases = run["mission"].as_array().unwrap();
+    let phases = run["mission"]["phases"].as_array().unwrap();
     let found = phases.iter().find(|phase| phase["phase"] == name);
     found.unwrap_or_else(|| panic!("no phase {name}: {}", run["mission"]))
 }
@@ -19,6 +19,7 @@ fn figure(phase: &Value, name: &str) -> f64 {
 #[test]
 fn the_mission_captures_stops_and_identifies_its_target() {
     let run = fuyu(&["simulate", "config/capture.yaml", "--json"]).json();
+    assert_eq!(run["mission"]["captured"], true);
     phase(&run, "done");
     let identify = phase(&run, "identify");
     // The client has 300 kg.

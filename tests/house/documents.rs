@@ -18,12 +18,13 @@ use crate::{
 
 /// The nodes whose sources the declarations are compared with. The recorder takes any topic.
 #[cfg(feature = "ros")]
-const CHECKED: [&str; 7] = [
+const CHECKED: [&str; 8] = [
     "dynamics",
     "camera",
     "controller",
     "attitude",
     "estimator",
+    "mission",
     "teleop",
     "views",
 ];

@@ -5,7 +5,8 @@
 //! subscribes to nothing under `ground_truth/`. The couple goes out on `wrench`: it stands for thrusters, which a robot that
 //! grasps in a scenario cannot have yet.
 //!
-//! A mission begins by the action `capture`, or by itself with `autostart`. The services `~/hold`, `~/resume`, `~/skip`
+//! A mission begins by the action `capture`, or by itself with `autostart`; the process of one that began by itself and was
+//! aborted by rule exits with 1. The services `~/hold`, `~/resume`, `~/skip`
 //! and `~/abort` (`std_srvs/Trigger`) are the operator's.
 
 mod gripper;
@@ -83,7 +84,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         work.operator.follow(work.mission.as_mut());
         work.turn();
     }
-    Ok(())
+    work.verdict()
 }
 
 struct Work {
@@ -278,6 +279,18 @@ impl Work {
         }
         self.report();
         Ok(())
+    }
+
+    /// Fails if the mission that began by itself was aborted by rule.
+    fn verdict(&self) -> Result<(), NodeError> {
+        let mission = self.mission.as_ref().filter(|_| self.params.autostart);
+        let mission = mission.filter(|mission| !mission.is_aborted_on_request());
+        match mission.and_then(CaptureMission::abort_reason) {
+            Some(reason) => Err(NodeError::Failed(format!(
+                "the mission was aborted: {reason}"
+            ))),
+            None => Ok(()),
+        }
     }
 
     /// Logs phases that have ended, and ends the goal with the mission.

@@ -8,8 +8,15 @@ use crate::{
         Objective, TipLaw, TrackConfig,
     },
     model::{Frame, Model},
-    nodes::{camera::camera_frame, choice, tip::declare_tip_link},
+    nodes::{
+        camera::camera_frame,
+        choice,
+        named_lists::declare_each,
+        placement::{declare_orientation, declare_vector},
+        tip::declare_tip_link,
+    },
     ros::Declare,
+    spatial::Pose,
 };
 
 /// Parameters of the mission node, read at the start.
@@ -28,6 +35,24 @@ pub struct MissionParams {
 
 /// Laws of the tip by name.
 const TIP_LAWS: [(&str, bool); 2] = [("impedance", true), ("transpose", false)];
+
+/// Declares the pose of a grasp frame in the measured frame, and reads it.
+fn declare_grasp_frame(declare: &mut Declare, name: String) -> Result<Pose, String> {
+    let position = declare_vector(
+        declare,
+        &format!("{name}.position"),
+        "Position of the grasp frame in the frame that the camera measures [m]",
+    );
+    let rotation = declare_orientation(
+        declare,
+        &format!("{name}.orientation"),
+        "Attitude of the grasp frame in the frame that the camera measures (x, y, z, w)",
+    )?;
+    Ok(Pose::from_parts(
+        position.into(),
+        rotation.to_rotation_matrix(),
+    ))
+}
 
 impl MissionParams {
     /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
@@ -60,6 +85,12 @@ impl MissionParams {
             false,
             "Whether the grasp is closed and opened by the dynamics node's attach and detach; otherwise it latches by itself",
         );
+        let grasps = declare_each(
+            declare,
+            "grasp_frames",
+            "Names of the grasp frames of the target to choose from; without any, the measured frame is the only one",
+            declare_grasp_frame,
+        );
         let mut list = |name: &str, default: &[f64], text: &str| -> Vec<f64> {
             let parameter = declare.param(name, default.to_vec(), text);
             parameter.range(-1e3, 1e3).read_only().value()
@@ -70,7 +101,7 @@ impl MissionParams {
             "Direction of the final approach in the grasp frame",
         );
         let axis = <[f64; 3]>::try_from(axis.as_slice())
-            .map_err(|_| format!("parameter approach_axis has {} values; give 3", axis.len()))?;
+            .map_err(|_| format!("parameter approach_axis has {} values; give 3", axis.len()));
         let approach_times = list(
             "approach_times",
             &default.approach_times,
@@ -79,7 +110,7 @@ impl MissionParams {
         let excitation = list(
             "excitation",
             &default.excitation,
-            "Amplitudes of the joints in the identification [rad or m]; one value is for the last three joints, a twentieth of it for the others",
+            "Amplitudes of the joints in the identification [rad or m]; one value is for the last three joints, an eighth of it for the others; the limits at the grasp may make all smaller, or twice as large",
         );
         let mut number = |name: &str, default: f64, text: &str| {
             let parameter = declare.param(name, default, text).range(0.0, 1e6);
@@ -153,7 +184,8 @@ impl MissionParams {
                 d.standoff,
                 "Distance from the grasp frame at which the approach ends [m]",
             ),
-            approach_axis: Vector3::from(axis),
+            grasps: d.grasps.clone(),
+            approach_axis: d.approach_axis,
             final_time: number(
                 "final_time",
                 d.final_time,
@@ -260,6 +292,18 @@ impl MissionParams {
                     "Turn in the grasp that counts as slip [rad]",
                 ),
             ),
+            heaviest: (
+                number(
+                    "heaviest_mass",
+                    d.heaviest.0,
+                    "Mass of the heaviest target, for which the first excitation is sized [kg]",
+                ),
+                number(
+                    "heaviest_gyration",
+                    d.heaviest.1,
+                    "Radius of gyration of the heaviest target [m]",
+                ),
+            ),
             presumed: (
                 number(
                     "presumed_mass",
@@ -322,6 +366,15 @@ impl MissionParams {
                 "Largest condition number with which an identification is accepted",
             ),
         };
+        // After all declarations, so that no parameter is reported as unknown.
+        let grasps: Vec<_> = grasps?.into_iter().collect::<Result<_, String>>()?;
+        let mut config = CaptureConfig {
+            approach_axis: Vector3::from(axis?),
+            ..config
+        };
+        if !grasps.is_empty() {
+            config.grasps = grasps;
+        }
         Ok(Self {
             tip_link,
             autostart,

@@ -7,9 +7,18 @@ use nalgebra::{Rotation3, Vector3};
 
 use crate::world::{SENSORS, Target, World, client, servicer, sides};
 
-fn mission(config: CaptureConfig) -> CaptureMission {
+/// A target with grasp frames on its six sides, and a mission that may choose one.
+fn begin(target: &Target, seed: u64) -> (World, CaptureMission) {
+    let mut world = World::new(target, SENSORS, seed);
+    world.grasps = sides(target);
+    let X_GT = target.X_TG.inverse();
+    let config = CaptureConfig {
+        grasps: world.grasps.iter().map(|X_TK| X_GT * X_TK).collect(),
+        ..CaptureConfig::default()
+    };
     let (model, tip, camera) = servicer();
-    CaptureMission::new(&model, &tip, &camera, config).unwrap()
+    let mission = CaptureMission::new(&model, &tip, &camera, config).unwrap();
+    (world, mission)
 }
 
 fn print(mission: &CaptureMission) {
@@ -55,13 +64,12 @@ fn slow(mass: f64) -> Target {
 #[test]
 fn a_satellite_is_captured_stopped_and_identified() {
     let target = slow(300.0);
-    let mut world = World::new(&target, SENSORS, 7);
-    let config = CaptureConfig::default();
-    let mut mission = mission(config.clone());
+    let (mut world, mut mission) = begin(&target, 7);
+    let standoff = mission.config().standoff;
     let mut meeting = None;
     run(&mut world, &mut mission, 200.0, |world, mission| {
         if mission.phase() == Phase::Grasp && meeting.is_none() {
-            meeting = Some(world.relative(config.standoff));
+            meeting = Some(world.relative(mission.X_GK(), standoff));
         }
     });
     println!("largest wrench {:?}", world.grasp);
@@ -97,15 +105,14 @@ fn a_satellite_is_captured_stopped_and_identified() {
         identify.figure(&name).unwrap()
     });
     assert!(after < 0.5 * before, "{after} {before}");
-    let config = config.detumble;
+    let config = mission.config().detumble;
     assert!(world.grasp.0 < config.grasp_force && world.grasp.1 < config.grasp_torque);
 }
 
 #[test]
 fn a_target_that_disappears_and_a_latch_that_fails_end_in_safety() {
     let target = slow(150.0);
-    let mut world = World::new(&target, SENSORS, 8);
-    let mut mission = mission(CaptureConfig::default());
+    let (mut world, mut mission) = begin(&target, 8);
     run(&mut world, &mut mission, 200.0, |world, mission| {
         if mission.phase() == Phase::Approach {
             world.target_is_visible = false;
@@ -124,23 +131,21 @@ fn a_target_that_disappears_and_a_latch_that_fails_end_in_safety() {
 #[test]
 fn a_latch_that_does_not_hold_is_found_by_pulling() {
     let target = slow(150.0);
-    let mut world = World::new(&target, SENSORS, 9);
+    let (mut world, mut mission) = begin(&target, 9);
     world.latch_works = false;
-    let mut mission = mission(CaptureConfig::default());
     run(&mut world, &mut mission, 200.0, |_, _| {});
     assert_eq!(mission.phase(), Phase::Aborted);
     let reason = mission.abort_reason().unwrap();
     assert!(reason.contains("not grasped in 2 attempts"), "{reason}");
     // The tip has retreated.
-    let (X, _) = world.relative(0.0);
+    let (X, _) = world.relative(mission.X_GK(), 0.0);
     assert!(X.translation.vector.norm() > 0.2, "{X}");
 }
 
 #[test]
 fn an_operator_holds_resumes_skips_and_aborts() {
     let target = slow(200.0);
-    let mut world = World::new(&target, SENSORS, 10);
-    let mut mission = mission(CaptureConfig::default());
+    let (mut world, mut mission) = begin(&target, 10);
     assert!(mission.skip().is_ok());
     let mut paused_at = None;
     let mut done = false;
@@ -165,15 +170,16 @@ fn an_operator_holds_resumes_skips_and_aborts() {
     });
     assert!(done);
     assert_eq!(mission.abort_reason(), Some("the operator"));
-    let (X, _) = world.relative(0.0);
+    let (X, _) = world.relative(mission.X_GK(), 0.0);
     assert!(X.translation.vector.norm() > 0.2, "{X}");
     assert!(mission.hold().is_err() && mission.abort("again").is_err());
     assert!(world.held.is_none());
 }
 
-/// Dispersed missions: masses from 60 to 500 kg, rates from .5 to 5 deg/s. `RUNS` says how many.
+/// Dispersed missions: masses from 60 to 500 kg, any attitude, rates from .5 to 5 deg/s. `RUNS` says how many. Fails if
+/// fewer than 97 % are captured, or if one that is captured turns, was loaded, or is wrong in its mass beyond the limits.
 #[test]
-#[ignore = "some minutes"]
+#[ignore = "a minute"]
 fn dispersed_missions() {
     use rand::{RngExt, SeedableRng, rngs::StdRng};
     let runs: u64 = std::env::var("RUNS").map_or(20, |runs| runs.parse().unwrap());
@@ -186,13 +192,7 @@ fn dispersed_missions() {
         let mut target = client(mass, rate, axis);
         let turn = Vector3::from_fn(|_, _| random.random_range(-1.0..1.0)) * PI;
         target.X_WT.rotation = Rotation3::from_scaled_axis(turn);
-        let mut world = World::new(&target, SENSORS, run_index);
-        world.grasps = sides(&target);
-        let X_GT = target.X_TG.inverse();
-        let mut mission = mission(CaptureConfig {
-            grasps: world.grasps.iter().map(|X_TK| X_GT * X_TK).collect(),
-            ..CaptureConfig::default()
-        });
+        let (mut world, mut mission) = begin(&target, run_index);
         while world.time() < 400.0 && !mission.phase().is_over() {
             world.answer(&mut mission);
         }
@@ -221,4 +221,12 @@ fn dispersed_missions() {
         "captured {captured} of {runs}; worst rate {} deg/s, force {} N, torque {} N m, mass error {}",
         worst[0], worst[1], worst[2], worst[3]
     );
+    let [rate, force, torque, mass] = worst;
+    assert!(
+        f64::from(captured) >= 0.97 * runs as f64,
+        "{captured} of {runs}"
+    );
+    assert!(rate < 0.05 && mass < 0.01, "{rate} {mass}");
+    let limits = CaptureConfig::default().detumble;
+    assert!(force <= limits.grasp_force && torque <= limits.grasp_torque);
 }

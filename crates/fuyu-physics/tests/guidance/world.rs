@@ -153,9 +153,11 @@ impl World {
         Twist::new(R * V.angular, R * V.linear)
     }
 
-    /// Pose of the grasp frame in the tip's, and twist of it relative to the tip's, both in world axes at the grasp point.
-    pub fn relative(&self, offset: f64) -> (Pose, Twist) {
+    /// Pose in the tip's frame of the point `offset` \[m\] before the grasp frame `X_GK` (in the measured one), and its twist
+    /// relative to the tip's in world axes.
+    pub fn relative(&self, X_GK: &Pose, offset: f64) -> (Pose, Twist) {
         let X_TG = self.X_TG
+            * X_GK
             * Pose::from_parts(
                 Translation3::new(-offset, 0.0, 0.0),
                 nalgebra::Rotation3::identity(),

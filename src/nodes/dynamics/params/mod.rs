@@ -13,7 +13,6 @@ mod joint_physics;
 mod lockstep;
 mod mass_scale;
 mod motions;
-pub(super) mod names;
 mod numbers;
 mod robots;
 mod thrusters;

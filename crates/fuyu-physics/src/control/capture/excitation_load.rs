@@ -49,10 +49,7 @@ pub(super) fn excitation_load(
         let (w, dw) = (V.angular, A.angular);
         let force = (A.linear + dw.cross(&arm) + w.cross(&w.cross(&arm))) * payload.mass;
         let torque = inertia * dw + w.cross(&(inertia * w)) + arm.cross(&force);
-        largest = (
-            largest.0.max(force.norm()),
-            largest.1.max(torque.norm()),
-        );
+        largest = (largest.0.max(force.norm()), largest.1.max(torque.norm()));
     }
     largest
 }
@@ -84,14 +81,15 @@ pub(super) fn sized(
             }
         }
     }
-    // Forces grow with the amplitude, and by their centrifugal part faster: two corrections suffice to come below.
-    for _ in 0..4 {
+    // Forces grow with the amplitude, and by their centrifugal part a little faster: a few corrections suffice.
+    let largest = factor;
+    for _ in 0..6 {
         let (force, torque) = excitation_load(whole, tip, payload, &of(factor));
         let ratio = (force / limits.0).max(torque / limits.1) / LOAD_SHARE;
-        if ratio <= 1.0 {
+        if (ratio - 1.0).abs() < 0.01 || (ratio < 1.0 && factor == largest) {
             break;
         }
-        factor /= ratio;
+        factor = (factor / ratio).min(largest);
     }
     of(factor)
 }
@@ -170,8 +168,11 @@ mod tests {
             );
             let (force, torque) = excitation_load(&mut whole, &tip, &payload, &excitation);
             let used = (force / limits.0).max(torque / limits.1);
-            assert!(used <= share + 1e-9 || share == 0.0, "{used}");
-            assert!(used > 0.9 * share, "{used}");
+            match share {
+                // The joints' limits, or the largest factor, are what counts.
+                0.0 => assert!(used < 0.1, "{used}"),
+                share => assert!((used / share - 1.0).abs() < 0.011, "{used}"),
+            }
         }
     }
 }

@@ -3,9 +3,9 @@
 use super::grasp::Closing;
 use super::search::Search;
 use super::{AfterStop, CaptureMission, Phase, Stage};
+use crate::control::capture::FrameMotion;
 use crate::control::capture::plan::{Plan, PlanError, Start};
 use crate::control::capture::rendezvous::Rendezvous;
-use crate::control::capture::FrameMotion;
 
 /// Largest deviation of a joint from its reference \[rad or m\].
 const LARGEST_DEVIATION: f64 = 0.2;

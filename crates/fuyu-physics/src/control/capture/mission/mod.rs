@@ -104,6 +104,7 @@ pub struct CaptureMission {
     relative: VecDeque<(f64, Pose)>,
     is_paused: bool,
     skips: bool,
+    abort_requested: bool,
     /// The operator has ended observation before the prediction was good enough, and answers for it.
     accepts_uncertainty: bool,
     /// What the gripper reports, if it does.
@@ -158,6 +159,7 @@ impl CaptureMission {
             relative: VecDeque::new(),
             is_paused: false,
             skips: false,
+            abort_requested: false,
             accepts_uncertainty: false,
             grip: None,
             attempt: 0,
@@ -216,6 +218,17 @@ impl CaptureMission {
     /// Reports of all phases so far, the present one last.
     pub fn reports(&self) -> &[PhaseReport] {
         &self.reports
+    }
+
+    /// When it ended \[s\], if it is over.
+    pub fn ended(&self) -> Option<f64> {
+        let last = self.reports.last()?;
+        last.phase.is_over().then_some(last.start)
+    }
+
+    /// Whether [`CaptureMission::abort`] has been called.
+    pub fn is_aborted_on_request(&self) -> bool {
+        self.abort_requested
     }
 
     /// Why it was aborted, if it was.
@@ -342,6 +355,7 @@ impl CaptureMission {
     /// [`MissionError::Over`].
     pub fn abort(&mut self, reason: &str) -> Result<(), MissionError> {
         self.check_not_over()?;
+        self.abort_requested = true;
         self.is_paused = false;
         let reason = reason.to_owned();
         self.stage = match std::mem::replace(&mut self.stage, Stage::Rest) {

@@ -50,8 +50,8 @@ impl CaptureMission {
         let left = search.left.get_or_insert_with(all);
         if let Some((duration, grasp)) = left.pop_front() {
             let is_late = |(_, _, of_best): &(Plan, usize, f64)| duration > *of_best + 1e-9;
-            let is_decided =
-                self.config.objective == Objective::Time && search.best.as_ref().is_some_and(is_late);
+            let is_decided = self.config.objective == Objective::Time
+                && search.best.as_ref().is_some_and(is_late);
             if !is_decided {
                 match self.candidate(time, duration, grasp) {
                     Ok(plan) => {
