@@ -73,7 +73,7 @@ fn implemented() -> BTreeSet<String> {
             .filter(|node| path.contains(&format!("nodes/{node}/")));
         let nodes: Vec<_> = match path.ends_with("nodes/robot_description.rs") {
             // Shared by the nodes that subscribe to the robot's description.
-            true => vec!["attitude", "camera", "controller", "teleop"],
+            true => vec!["attitude", "camera", "controller", "mission", "teleop"],
             false => folder.copied().collect(),
         };
         for (method, verb) in [
