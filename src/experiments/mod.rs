@@ -30,6 +30,7 @@ mod performance;
 mod recorded;
 mod recorded_contacts;
 mod recorded_estimation;
+pub mod recorded_mission;
 mod recorded_names;
 mod recorded_physics;
 mod recorded_runs;

@@ -209,6 +209,7 @@ struct ServoTopics {
     /// Of an estimator, and of a mission.
     prediction: Option<TopicId>,
     wrench: Option<TopicId>,
+    mission: Option<(TopicId, mission::StateTimer)>,
     messages: Option<ControllerMessages>,
 }
 
@@ -287,6 +288,13 @@ impl RobotTopics {
                     },
                     wrench: match run.capturing() {
                         Some(_) => Some(w.add(&topics::WRENCH)?),
+                        None => None,
+                    },
+                    mission: match run.capturing() {
+                        Some(_) => Some((
+                            w.add(&topics::MISSION_STATE)?,
+                            mission::StateTimer::default(),
+                        )),
                         None => None,
                     },
                     messages: None,
@@ -458,6 +466,12 @@ impl SimulatedBag {
             if let (Some(wrench), Some(couple)) = (servo.wrench, &capture.couple) {
                 let message = mission::couple(header.clone(), couple);
                 w.write_message(wrench, log, &message)?;
+            }
+            if let Some((topic, timer)) = &mut servo.mission
+                && timer.is_due(capture.mission, time)
+            {
+                let state = mission::state(capture.mission, header.clone());
+                w.write_message(*topic, log, &state)?;
             }
             let model = capture.model;
             let message = mission::efforts(model, header, &capture.efforts);

@@ -11,7 +11,7 @@ use crate::{
         Interface,
         fuyu_msgs::{
             AppendageOutlines, AppendageStates, AttitudeState, ControllerState, ExternalImpulse,
-            FeatureTracks, Momentum, MotionEstimate, ThrusterCommands,
+            FeatureTracks, MissionState, Momentum, MotionEstimate, ThrusterCommands,
         },
         geometry_msgs::{
             PoseStamped, QuaternionStamped, TwistStamped, Vector3Stamped, WrenchStamped,
@@ -162,6 +162,8 @@ topics! {
     CONTROLLER_STATE: Topic<ControllerState> = "controller/state", RELIABLE, ["controller"] => ["recorder"];
     /// Estimates, torques and momentum of the attitude controller.
     ATTITUDE_STATE: Topic<AttitudeState> = "attitude/state", RELIABLE, ["attitude"] => ["recorder"];
+    /// State of a capture mission, with what its phases have done so far.
+    MISSION_STATE: Topic<MissionState> = "mission/state", RELIABLE, ["mission"] => ["recorder"];
     /// Estimated angular velocity of the target.
     TARGET_RATE: Topic<Vector3Stamped> = "estimator/angular_velocity", RELIABLE, ["estimator"] => ["controller"];
     /// Estimated motion and inertia of the target.

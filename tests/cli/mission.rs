@@ -18,7 +18,10 @@ fn figure(phase: &Value, name: &str) -> f64 {
 
 #[test]
 fn the_mission_captures_stops_and_identifies_its_target() {
-    let run = fuyu(&["simulate", "config/capture.yaml", "--json"]).json();
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("capture");
+    let bag = bag.to_str().unwrap();
+    let run = fuyu(&["simulate", "config/capture.yaml", "--json", "--output", bag]).json();
     assert_eq!(run["mission"]["captured"], true);
     phase(&run, "done");
     let identify = phase(&run, "identify");
@@ -40,6 +43,24 @@ fn the_mission_captures_stops_and_identifies_its_target() {
     };
     assert!(w(&run["final"]["base_angular_velocity"]) < 0.05_f64.to_radians());
     assert!(w(&run["final"]["targets"]["client"]["angular_velocity"]) < 0.05_f64.to_radians());
+    // The recording tells the same of each phase.
+    let check = fuyu(&["bag", "check", bag, "--json"]).json();
+    let checks = check["checks"].as_array().unwrap();
+    let verdict = |name: &str| {
+        let found = checks.iter().find(|check| check["name"] == name);
+        found.map_or("missing", |check| check["verdict"].as_str().unwrap())
+    };
+    for name in [
+        "observe", "plan", "approach", "grasp", "detumble", "identify",
+    ] {
+        assert_eq!(verdict(&format!("mission, {name}")), "noted", "{check}");
+    }
+    for name in ["mission", "rate after detumbling", "angular momentum"] {
+        assert_eq!(verdict(name), "passed", "{name}: {check}");
+    }
+    assert_eq!(check["passed"], true, "{check}");
+    let plotted = fuyu(&["bag", "plot", bag]);
+    assert!(plotted.stdout.contains("mission.png"), "{}", plotted.stdout);
     // The same to the bit.
     let short = [
         "simulate",

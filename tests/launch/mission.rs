@@ -1,6 +1,6 @@
 //! A capture mission over DDS, with an operator in rclpy who holds, resumes and aborts.
 
-use fuyu::msg::sensor_msgs::JointState;
+use fuyu::msg::{fuyu_msgs::MissionState, sensor_msgs::JointState};
 use serde_json::{Value, json};
 
 use crate::{
@@ -83,6 +83,18 @@ fn an_operator_holds_resumes_and_aborts() {
         ended.stderr.contains("aborted by the operator"),
         "{}",
         ended.stderr
+    );
+    let states = read::<MissionState>(&launch.bag(), "/mission/state");
+    let last = states.last().expect("states of the mission");
+    assert_eq!(last.phase, "aborted");
+    assert!(
+        states
+            .iter()
+            .any(|state| state.is_held && state.phase == "approach")
+    );
+    assert_eq!(
+        last.outcome.last().map(String::as_str),
+        Some("aborted by the operator")
     );
     // Every effort that was commanded is a number.
     let commands = read::<JointState>(&launch.bag(), "/joint_commands");

@@ -4,7 +4,10 @@ use crate::{
     control::capture::{CaptureMission, Phase, RotationForecast},
     model::Model,
     msg::{
-        fuyu_msgs::capture::{Feedback, Outcome},
+        fuyu_msgs::{
+            MissionState,
+            capture::{Feedback, Outcome},
+        },
         geometry_msgs::{self, WrenchStamped},
         nav_msgs::Path,
         sensor_msgs::JointState,
@@ -73,6 +76,54 @@ pub fn feedback(mission: &CaptureMission, header: Header) -> Feedback {
         progress: mission.progress(),
         waits_for: mission.waits_for().to_owned(),
         is_held: mission.is_paused(),
+    }
+}
+
+/// The mission's state, with its phases so far.
+pub fn state(mission: &CaptureMission, header: Header) -> MissionState {
+    let now = Time::from(&header.stamp).as_secs_f64();
+    let mut state = MissionState {
+        header,
+        phase: mission.phase().name().to_owned(),
+        progress: mission.progress(),
+        waits_for: mission.waits_for().to_owned(),
+        is_held: mission.is_paused(),
+        ..MissionState::default()
+    };
+    for (phase, report) in (0..).zip(mission.reports()) {
+        state.phase_name.push(report.phase.name().to_owned());
+        state.phase_start.push(report.start);
+        state.phase_end.push(report.end.unwrap_or(now));
+        state.outcome.push(report.outcome.clone());
+        for figure in report.figures.iter().filter(|f| f.value.is_finite()) {
+            state.figure_phase.push(phase);
+            state.figure_name.push(figure.name.to_owned());
+            state.figure_value.push(figure.value);
+            state.figure_unit.push(figure.unit.to_owned());
+        }
+    }
+    state
+}
+
+/// Decides when the state is published: every [`STATE_PERIOD`], and when a phase begins.
+#[derive(Debug, Default)]
+pub struct StateTimer {
+    next: f64,
+    phases: usize,
+}
+
+/// Simulated time between two states of a mission on its topic \[s\].
+pub const STATE_PERIOD: f64 = 0.2;
+
+impl StateTimer {
+    /// Whether the state at `time` \[s\] is to be published.
+    pub fn is_due(&mut self, mission: &CaptureMission, time: f64) -> bool {
+        let phases = mission.reports().len();
+        let is_due = phases != self.phases || time >= self.next - 1e-9;
+        if is_due {
+            (self.next, self.phases) = (time + STATE_PERIOD, phases);
+        }
+        is_due
     }
 }
 

@@ -14,7 +14,7 @@ mod messages;
 mod operator;
 mod params;
 
-pub use messages::{couple, efforts, forecast};
+pub use messages::{StateTimer, couple, efforts, forecast, state};
 pub use params::MissionParams;
 
 use std::time::Duration;
@@ -33,7 +33,10 @@ use crate::{
         capture::{CaptureMission, Sample},
     },
     msg::{
-        fuyu_msgs::capture::{Capture, Outcome},
+        fuyu_msgs::{
+            MissionState,
+            capture::{Capture, Outcome},
+        },
         geometry_msgs::{PoseStamped, WrenchStamped},
         nav_msgs::Path,
         sensor_msgs::{Imu, JointState},
@@ -49,8 +52,6 @@ use operator::Operator;
 
 /// Longest wait before goals and calls are looked at.
 const PATIENCE: Duration = Duration::from_millis(100);
-/// Simulated time between two feedback messages \[s\].
-const FEEDBACK_PERIOD: f64 = 0.2;
 /// Queue length for inputs of which none may be lost.
 const QUEUE: usize = 100;
 
@@ -95,6 +96,7 @@ struct Work {
     predictions: Subscription<Path>,
     commands: Publisher<JointState>,
     wrench: Publisher<WrenchStamped>,
+    mission_state: Publisher<MissionState>,
     action: ActionServer<Capture>,
     operator: Operator,
     gripper: Option<GripperServices>,
@@ -106,7 +108,7 @@ struct Work {
     /// Whether the mission that begins by itself has begun.
     has_begun: bool,
     pushes: bool,
-    fed_back: f64,
+    timer: StateTimer,
     reported: usize,
 }
 
@@ -121,6 +123,7 @@ impl Work {
             predictions: topics::PREDICTION.subscribe(node)?,
             commands: topics::JOINT_COMMANDS.advertise(node)?,
             wrench: topics::WRENCH.advertise(node)?,
+            mission_state: topics::MISSION_STATE.advertise(node)?,
             action: ActionServer::with_requests(node, "capture")?,
             operator: Operator::new(node)?,
             gripper: match params.uses_services {
@@ -134,7 +137,7 @@ impl Work {
             goal: None,
             has_begun: false,
             pushes: false,
-            fed_back: f64::NEG_INFINITY,
+            timer: StateTimer::default(),
             reported: 0,
             params,
         })
@@ -190,7 +193,7 @@ impl Work {
                     self.mission = Some(mission);
                     self.has_begun = true;
                     self.reported = 0;
-                    self.fed_back = f64::NEG_INFINITY;
+                    self.timer = StateTimer::default();
                 }
                 Err(problem) => self.abort(&problem),
             }
@@ -262,9 +265,8 @@ impl Work {
         if let Some(gripper) = &mut self.gripper {
             mission.set_grip(gripper.follow(wanted));
         }
-        let time = sample.time;
-        if time >= self.fed_back + FEEDBACK_PERIOD {
-            self.fed_back = time;
+        if self.timer.is_due(mission, sample.time) {
+            (self.mission_state).publish(&messages::state(mission, header.clone()));
             if let Some(goal) = &self.goal {
                 goal.feedback(messages::feedback(mission, header));
             }
