@@ -105,7 +105,7 @@ pub fn state(mission: &CaptureMission, header: Header) -> MissionState {
     state
 }
 
-/// Decides when the state is published: every [`STATE_PERIOD`], and when a phase begins.
+/// Decides when the state is published: every 0.2 s, and when a phase begins.
 #[derive(Debug, Default)]
 pub struct StateTimer {
     next: f64,

@@ -179,3 +179,39 @@ fn goals_out_of_reach_and_limits_are_refused_with_a_reason() {
     assert!(matches!(error, PlanError::Clearance { .. }), "{error}");
     assert!(planner.plan(&task(&near, 20.0)).is_ok());
 }
+
+// Fails if the objective did not decide on the posture: of several goals, that of the least impact has a lower effective mass
+// and a faster base for at least one, and never the other way round.
+#[test]
+fn the_objective_decides_on_the_posture() {
+    use fuyu_physics::control::capture::Objective;
+    let start = start(Vector3::zeros());
+    let mut differ = 0;
+    for k in 0..8 {
+        let turn = Vector3::new(0.3, -0.2, 0.1) * f64::from(k);
+        let goal = goal(Vector3::new(0.3, 0.2, -0.1), turn);
+        let task = Rendezvous {
+            start: &start,
+            arrival: 40.0,
+            goal: &goal,
+            center: None,
+        };
+        let of = |objective| {
+            let mut planner = planner().with_objective(objective, &Vector3::x());
+            planner.plan(&task)
+        };
+        let (Ok(calm), Ok(light)) = (of(Objective::BaseReaction), of(Objective::Impact)) else {
+            continue;
+        };
+        assert!(light.effective_mass <= calm.effective_mass + 1e-9);
+        assert!(calm.base_rate <= light.base_rate + 1e-12);
+        if light.effective_mass < 0.95 * calm.effective_mass {
+            differ += 1;
+        }
+        println!(
+            "{k}: {:.1} kg {:.4} rad/s, {:.1} kg {:.4} rad/s",
+            calm.effective_mass, calm.base_rate, light.effective_mass, light.base_rate
+        );
+    }
+    assert!(differ >= 1, "{differ}");
+}

@@ -192,7 +192,7 @@ impl World {
 
     /// A measured grasp pose that arrives now, with its time of exposure.
     pub fn grasp_pose(&mut self) -> Option<(f64, Pose)> {
-        if self.tick % 10 == 0 && self.target_is_visible {
+        if self.tick.is_multiple_of(10) && self.target_is_visible {
             let X_BG = self.X_WB().inverse() * self.X_WG();
             let p = X_BG.translation.vector + self.noise(self.sensors.position_noise);
             let turn = exp_so3(&self.noise(self.sensors.attitude_noise));
@@ -206,7 +206,10 @@ impl World {
 
     /// Forecast that arrives now, in the camera's axes at its start.
     pub fn forecast(&mut self) -> Option<RotationForecast> {
-        if self.held.is_some() || self.tick % 100 != 0 || self.tick < 500 || !self.target_is_visible
+        if self.held.is_some()
+            || !self.tick.is_multiple_of(100)
+            || self.tick < 500
+            || !self.target_is_visible
         {
             return None;
         }

@@ -7,6 +7,7 @@ use super::frame_motion::FrameMotion;
 use super::plan::{Plan, PlanError, Reserve, SINGULAR, point};
 use super::rendezvous::{Rendezvous, RendezvousPlanner};
 use super::shooting::{End, PIECES, Shot};
+use super::tip_mobility::effective_mass;
 use crate::control::commander::JointPoint;
 
 impl RendezvousPlanner {
@@ -109,6 +110,10 @@ impl RendezvousPlanner {
         if let Some((what, distance)) = closest.into_iter().find(|(_, d)| *d < 0.0) {
             return Err(PlanError::Clearance { what, distance });
         }
+        self.workspace.set_positions(&shot.end.q);
+        let along = self.workspace.X_BF(&self.tip).rotation * self.approach_axis;
+        let tip = (&self.tip, &mut self.jacobian);
+        let effective_mass = effective_mass(&mut self.workspace, tip, &along);
         let start = task.start.state.time;
         Ok(Plan {
             start,
@@ -116,6 +121,7 @@ impl RendezvousPlanner {
             q: shot.end.q,
             base_rate: squares.sqrt(),
             base_turn: task.start.state.R_WB.angle_to(&R_IB),
+            effective_mass,
             distances,
             R_IB,
             polynomials: shot.polynomials,

@@ -32,6 +32,7 @@ mod shaping;
 mod shooting;
 mod target_track;
 mod tip_impedance;
+mod tip_mobility;
 
 pub use clearance::{Clearance, ClearanceConfig, Distances};
 pub use detumble::{DetumbleLimits, Detumbler, SharedCouple, Stack, WheelLimits, wheels_suffice};

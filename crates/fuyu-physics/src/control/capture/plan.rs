@@ -17,12 +17,17 @@ pub enum Objective {
     BaseReaction,
     /// Time until the arrival.
     Time,
+    /// Effective mass of the tip at the arrival along the approach axis: what an impact would meet.
+    Impact,
 }
 
 impl Objective {
     /// All by name.
-    pub const NAMES: [(&'static str, Self); 2] =
-        [("base_reaction", Self::BaseReaction), ("time", Self::Time)];
+    pub const NAMES: [(&'static str, Self); 3] = [
+        ("base_reaction", Self::BaseReaction),
+        ("time", Self::Time),
+        ("impact", Self::Impact),
+    ];
 }
 
 /// Where a plan begins: the motion of the robot in I.
@@ -146,6 +151,8 @@ pub struct Plan {
     pub base_rate: f64,
     /// Turn of the base from start to arrival \[rad\].
     pub base_turn: f64,
+    /// Effective mass of the tip at the arrival along the approach axis \[kg\].
+    pub effective_mass: f64,
     /// The least distances on the way.
     pub distances: Distances,
     /// Attitude of the base in I at the arrival.
@@ -156,6 +163,14 @@ pub struct Plan {
 }
 
 impl Plan {
+    /// What a planner makes small among ways of the same duration.
+    pub(super) fn cost(&self, objective: Objective) -> f64 {
+        match objective {
+            Objective::BaseReaction | Objective::Time => self.base_rate,
+            Objective::Impact => self.effective_mass,
+        }
+    }
+
     /// Position, rate and acceleration of joint `j` at `time` \[s\]. Afterwards it goes on as at the arrival.
     pub fn at(&self, j: usize, time: f64) -> JointPoint {
         point(

@@ -11,7 +11,9 @@ use nalgebra::{DVector, Matrix6xX, Vector3};
 
 use super::clearance::Clearance;
 use super::frame_motion::FrameMotion;
-use super::plan::{JointLimitsShare, Plan, PlanError, Reserve, Start, quintic, quintic_at, rank};
+use super::plan::{
+    JointLimitsShare, Objective, Plan, PlanError, Reserve, Start, quintic, quintic_at, rank,
+};
 use super::shooting::End;
 use crate::control::commander::JointPoint;
 use crate::dynamics::{Input, Workspace};
@@ -24,6 +26,9 @@ pub struct RendezvousPlanner {
     pub(super) tip: Frame,
     pub(super) clearance: Clearance,
     pub(super) limits: JointLimitsShare,
+    pub(super) objective: Objective,
+    /// Unit vector in the tip's frame.
+    pub(super) approach_axis: Vector3<f64>,
     pub(super) workspace: Workspace,
     pub(super) jacobian: Matrix6xX<f64>,
     pub(super) no_input: Input,
@@ -57,6 +62,8 @@ impl RendezvousPlanner {
             tip: tip.clone(),
             clearance,
             limits,
+            objective: Objective::BaseReaction,
+            approach_axis: Vector3::x(),
             workspace: Workspace::new(model),
             jacobian: Matrix6xX::zeros(model.dof()),
             no_input: Input::zero(model),
@@ -64,7 +71,16 @@ impl RendezvousPlanner {
         }
     }
 
-    /// The motion that reaches the rendezvous and turns the base least, from several postures at the arrival.
+    /// With another objective, and the direction in the tip's frame in which it goes on after the arrival; `x` without.
+    #[must_use]
+    pub fn with_objective(mut self, objective: Objective, approach_axis: &Vector3<f64>) -> Self {
+        self.objective = objective;
+        self.approach_axis = approach_axis.normalize();
+        self
+    }
+
+    /// The motion that reaches the rendezvous and is best by the objective, of those to several postures at the arrival;
+    /// each turns the base as little as its posture allows.
     ///
     /// # Errors
     /// [`PlanError`]: that of the way which came closest to a plan.
@@ -77,7 +93,8 @@ impl RendezvousPlanner {
             let shaped = found.and_then(|shot| self.shaped(task, shot));
             match shaped {
                 Ok(plan) => {
-                    if best.as_ref().is_none_or(|b| plan.base_rate < b.base_rate) {
+                    let cost = plan.cost(self.objective);
+                    if best.as_ref().is_none_or(|b| cost < b.cost(self.objective)) {
                         best = Some(plan);
                     }
                 }

@@ -11,9 +11,10 @@
 //! sensor is needed). [`TipLaw::Transpose`] is the thesis's law, eq. (5.1): `τ = Ĵᵀ (K e + D ė)`, the same impedance
 //! without compensation of the arm's own dynamics.
 
-use nalgebra::{DMatrix, DVector, Matrix6, Matrix6xX, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix6xX, Vector3, Vector6};
 
 use super::frame_motion::FrameMotion;
+use super::tip_mobility::effective_mass;
 use crate::dynamics::{Input, State, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::{Pose, Twist};
@@ -63,7 +64,7 @@ pub struct TipImpedance {
     efforts: DVector<f64>,
 }
 
-fn stacked(twist: &Twist) -> Vector6<f64> {
+pub(super) fn stacked(twist: &Twist) -> Vector6<f64> {
     let (l, a) = (twist.linear, twist.angular);
     Vector6::new(l.x, l.y, l.z, a.x, a.y, a.z)
 }
@@ -154,48 +155,10 @@ impl TipImpedance {
         solved.map_or_else(|| DVector::zeros(J.ncols()), |x| J.tr_mul(&x))
     }
 
-    /// Inverse of the inertia that the tip opposes to a wrench at it (linear first, base axes) at positions `q`: `Ĵ Ĥ⁻¹
-    /// Ĵᵀ` (O. Khatib, Inertial properties in robotic manipulation, Int. J. Robotics Research 14, 1995; of a
-    /// free-floating robot by K. Yoshida and N. Sashida, 1993) plus that of the base with locked joints.
-    pub fn mobility(&mut self, q: &DVector<f64>) -> Matrix6<f64> {
-        let model = self.workspace.model().clone();
-        self.workspace.set_positions(q);
-        self.workspace
-            .generalized_jacobian(&self.tip, &mut self.jacobian);
-        let H = self.workspace.reduced_inertia().clone();
-        let of_joints = H.cholesky().map(|f| {
-            let J = DMatrix::from_fn(6, self.jacobian.ncols(), |r, c| self.jacobian[(r, c)]);
-            &J * f.solve(&J.transpose())
-        });
-        let mut mobility = Matrix6::zeros();
-        if let Some(of_joints) = of_joints {
-            mobility.copy_from(&of_joints);
-        }
-        // The base and its locked arm, by a wrench at the tip: unit wrenches give momentum.
-        let at_rest = DVector::zeros(model.dof());
-        let p_CE = self.workspace.X_BF(&self.tip).translation.vector - self.workspace.p_BC();
-        for k in 0..6 {
-            let mut wrench = Vector6::zeros();
-            wrench[k] = 1.0;
-            let force = Vector3::from(wrench.fixed_rows::<3>(0));
-            let couple = Vector3::from(wrench.fixed_rows::<3>(3));
-            let momentum = crate::dynamics::Momentum {
-                linear: force,
-                angular: couple + p_CE.cross(&force),
-            };
-            let base = self.workspace.base_twist(&momentum, &at_rest);
-            let r = self.workspace.X_BF(&self.tip).translation.vector;
-            let tip = Twist::new(base.angular, base.linear + base.angular.cross(&r));
-            let mut column = mobility.column_mut(k);
-            column += stacked(&tip);
-        }
-        mobility
-    }
-
     /// Effective mass \[kg\] of the tip along `direction` (base axes) at positions `q`: what an impact there meets.
     pub fn effective_mass(&mut self, q: &DVector<f64>, direction: &Vector3<f64>) -> f64 {
-        let n = direction.normalize();
-        let mobility = self.mobility(q);
-        1.0 / n.dot(&(mobility.fixed_view::<3, 3>(0, 0) * n))
+        self.workspace.set_positions(q);
+        let tip = (&self.tip, &mut self.jacobian);
+        effective_mass(&mut self.workspace, tip, direction)
     }
 }

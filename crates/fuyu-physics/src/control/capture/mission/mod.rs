@@ -146,7 +146,8 @@ impl CaptureMission {
             R_BC: UnitQuaternion::from_rotation_matrix(&X_BC.rotation),
             own: OwnMotion::new(model, tip),
             track: TargetTrack::new(config.track),
-            planner: RendezvousPlanner::new(model, tip, clearance, config.limits),
+            planner: RendezvousPlanner::new(model, tip, clearance, config.limits)
+                .with_objective(config.objective, &config.approach_axis),
             servo: JointServo::new(model, config.joint_bandwidth),
             impedance: TipImpedance::new(model, tip, config.tip_law),
             held: None,

@@ -55,8 +55,12 @@ impl CaptureMission {
             if !is_decided {
                 match self.candidate(time, duration, grasp) {
                     Ok(plan) => {
-                        let turn = plan.base_turn.abs();
-                        let is_better = |(b, ..): &(Plan, usize, f64)| turn < b.base_turn.abs();
+                        let impact = self.config.objective == Objective::Impact;
+                        let cost = |plan: &Plan| match impact {
+                            true => plan.effective_mass,
+                            false => plan.base_turn.abs(),
+                        };
+                        let is_better = |(b, ..): &(Plan, usize, f64)| cost(&plan) < cost(b);
                         if search.best.as_ref().is_none_or(is_better) {
                             search.best = Some((plan, grasp, duration));
                         }
@@ -106,6 +110,7 @@ impl CaptureMission {
         report.set("grasp frame", grasp as f64, "");
         report.set("duration of the approach", plan.arrival - plan.start, "s");
         report.set("planned turn of the base", plan.base_turn, "rad");
+        report.set("planned effective mass", plan.effective_mass, "kg");
         report.set(
             "planned clearance of the target",
             plan.distances.keep_out,
