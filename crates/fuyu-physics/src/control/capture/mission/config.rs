@@ -49,6 +49,9 @@ pub struct CaptureConfig {
     pub close_within: (f64, f64),
     /// Longest time from the end of the final approach to the closing of the gripper \[s\].
     pub close_timeout: f64,
+    /// Whether the gripper says if it holds the target ([`CaptureMission::set_grip`](super::CaptureMission::set_grip)); otherwise
+    /// the arm pulls to find out.
+    pub reports_grip: bool,
     /// How far the arm pulls to find out whether it holds the target \[m\].
     pub pull: f64,
     /// How often it tries to grasp.
@@ -104,6 +107,7 @@ impl Default for CaptureConfig {
             lost_timeout: 3.0,
             close_within: (0.01, 0.03),
             close_timeout: 10.0,
+            reports_grip: false,
             pull: 0.03,
             attempts: 2,
             slip: (0.03, 0.1),
