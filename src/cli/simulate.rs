@@ -7,7 +7,7 @@ use std::{path::PathBuf, time::Instant};
 use super::{Failure, print};
 use crate::{
     experiments::{
-        Fleet, Summary, check_robots, notes,
+        Fleet, MissionSummary, Summary, check_robots, mission_lines, notes,
         simulation::{self, Observed},
         warnings,
     },
@@ -37,7 +37,7 @@ pub struct Args {
 ///
 /// # Errors
 /// [`Failure::Input`] for an invalid scenario or output folder, [`Failure::Runtime`] when the state becomes non-finite or
-/// the bag cannot be written.
+/// the bag cannot be written, [`Failure::Check`] if a mission does not capture its target.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let scenario = Scenario::read(&args.config).map_err(Failure::Input)?;
     scenario.check().map_err(Failure::Input)?;
@@ -74,7 +74,29 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             json.map_err(|e| Failure::Runtime(e.to_string()))? + "\n"
         }
         false => text(&scenario.name(), &fleet, &observed, &summaries),
-    })
+    })?;
+    check_missions(&scenario, &fleet, args.duration.is_some())
+}
+
+/// Fails if a mission did not capture its target; unless it has not ended in a run that was made shorter.
+fn check_missions(scenario: &Scenario, fleet: &Fleet, is_shorter: bool) -> Result<(), Failure> {
+    for (i, (_, closed_loop)) in fleet.robots().enumerate() {
+        let Some(capturing) = closed_loop.capturing() else {
+            continue;
+        };
+        let summary = MissionSummary::new(capturing, &closed_loop.world);
+        if summary.end.is_none() && is_shorter {
+            continue;
+        }
+        if let Some(failure) = summary.failure() {
+            let path = scenario.path().display();
+            return Err(Failure::Check(format!(
+                "{path}: {}",
+                fleet.of_robot(i, &failure)
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// A table per robot, headed by its namespace; by `scenario` if there is only one.
@@ -85,7 +107,10 @@ fn text(scenario: &str, fleet: &Fleet, observed: &[Observed], summaries: &[Summa
             1 => scenario,
             _ => namespace,
         };
-        table(name, summary) + &table_of_parts(&closed_loop.world, observed.events.events())
+        let parts = table_of_parts(&closed_loop.world, observed.events.events());
+        let capturing = closed_loop.capturing();
+        let mission = capturing.map(|capturing| mission_lines(capturing, &closed_loop.world));
+        table(name, summary) + &parts + &mission.unwrap_or_default()
     });
     tables.collect::<Vec<_>>().join("\n")
 }

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::recorded::{RecordedRun, RecordedRuns};
+use super::recorded_mission::{STOPPED_RATE, base_rate_at, phases};
 use super::recorded_names::{is_of_target, title_of};
 use super::recorded_physics::{
     EnergyBalance, Missing, energy_balance, max, momentum_residuals, motion_momentum,
@@ -11,6 +12,7 @@ use super::recorded_runs::RunCounter;
 use super::tip_check::{controlled, final_errors};
 use super::topic_health::{TopicHealth, TopicWatch};
 use crate::bag::{Bag, Damage};
+use crate::msg::fuyu_msgs::MissionState;
 
 /// Limits of the checks.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -120,7 +122,11 @@ pub fn check_bag(bag: &Bag, limits: &CheckLimits) -> CheckReport {
                 }
             }
             if !is_of_target(namespace) {
-                report.tip_error(run, limits, i + 1 == runs.len());
+                let is_last = i + 1 == runs.len();
+                match &run.mission {
+                    Some(mission) => report.mission(run, mission, is_last),
+                    None => report.tip_error(run, limits, is_last),
+                }
             }
         }
     }
@@ -292,6 +298,43 @@ impl Report {
                 "time restarts {count} times (reset, or played again); each run is checked separately"
             );
             self.add("runs", Verdict::Noted, None, detail);
+        }
+    }
+
+    /// The phases of a mission, and how it ended. `is_last`: a run that was ended by a reset need not have got to an end.
+    fn mission(&mut self, run: &RecordedRun, mission: &MissionState, is_last: bool) {
+        let phases = phases(mission);
+        for (i, phase) in phases.iter().enumerate() {
+            let (duration, start) = (phase.end - phase.start, phase.start);
+            match phase.name {
+                "done" => self.add("mission", Verdict::Passed, None, phase.outcome),
+                "aborted" => {
+                    let detail = format!("aborted at {start:.1} s: {}", phase.outcome);
+                    self.add("mission", Verdict::Failed, None, detail);
+                }
+                name if i + 1 == phases.len() => {
+                    let detail =
+                        format!("in phase {name} since {start:.1} s when the recording ends");
+                    let verdict = if is_last {
+                        Verdict::Failed
+                    } else {
+                        Verdict::Noted
+                    };
+                    self.add("mission", verdict, None, detail);
+                }
+                name => {
+                    let detail = format!("{duration:.1} s: {}", phase.outcome);
+                    self.add(&format!("mission, {name}"), Verdict::Noted, None, detail);
+                }
+            }
+            let has_stopped = phase.figure("angular velocity after").is_some();
+            if phase.name == "detumble"
+                && has_stopped
+                && let Some(rate) = base_rate_at(run, phase.end)
+            {
+                let detail = "of the base, by ground_truth/odom";
+                self.compare("rate after detumbling", rate, STOPPED_RATE, "rad/s", detail);
+            }
         }
     }
 

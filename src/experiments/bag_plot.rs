@@ -7,6 +7,7 @@ use super::chart::{ChartError, Figure, Panel, Series};
 use super::estimation_plot::{Mount, herpolhode, prediction_error, squared_rates};
 use super::recorded::{RecordedRun, RecordedRuns, seconds_since};
 use super::recorded_estimation::RecordedEstimation;
+use super::recorded_mission::mission_figure;
 use super::recorded_names::title_of;
 use super::recorded_physics::{Residual, momentum_residuals};
 use super::recorded_runs::RunCounter;
@@ -38,6 +39,7 @@ pub fn plot_bag(bag: &Bag, folder: &Path) -> Result<Vec<PathBuf>, ChartError> {
                 ("base_attitude", base_motion(run)),
                 ("momentum_residual", momentum(run)),
                 ("joint_rates", joint_rates(run)),
+                ("mission", mission_figure(run)),
             ];
             for (name, figure) in pictures {
                 let Some(mut figure) = figure else { continue };

@@ -3,7 +3,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{
-    Drive, Operated,
+    CaptureAnswer, Capturing, Drive, Operated,
     other_bodies::{OtherBodies, Watched},
 };
 use crate::{
@@ -31,8 +31,9 @@ use crate::{
 /// The closed loop of a scenario: what its nodes do over topics, in one thread and in the order of a graph in lockstep.
 /// Each state is shown to the camera, the control loop answers with the frames delivered so far, and its efforts are
 /// held until the next state. If the scenario has a teleop node, a simulated operator steers. Without camera,
-/// controller and teleop it is a free motion under springs and dampers. There is no estimator: the control loop gets no
-/// goal rates. Cameras that watch bodies by absolute names, its own or those of other robots, need a [`Fleet`](super::Fleet).
+/// controller and teleop it is a free motion under springs and dampers. There is no estimator, unless a mission node
+/// needs it: the control loop gets no goal rates. Cameras that watch bodies by absolute names, its own or those of other
+/// robots, need a [`Fleet`](super::Fleet).
 pub struct ClosedLoop {
     /// The plant.
     pub world: World,
@@ -40,6 +41,7 @@ pub struct ClosedLoop {
     pub others: OtherBodies,
     servo: Option<VisualServo>,
     operated: Option<Operated>,
+    capturing: Option<Box<Capturing>>,
     attitude: Option<AttitudeControl>,
     duration: f64,
 }
@@ -93,6 +95,8 @@ pub struct Moment<'a> {
     pub drive: Option<Drive<'a>>,
     /// The attitude controller's answer, if there is one.
     pub attitude: Option<AttitudeAnswer<'a>>,
+    /// The mission's answer, if there is one.
+    pub capture: Option<CaptureAnswer<'a>>,
 }
 
 /// The attitude controller's answer to a state.
@@ -138,7 +142,11 @@ impl ClosedLoop {
             true => Some(Operated::new(scenario, &world)?),
             false => None,
         };
-        let steered = scenario.has("camera") && operated.is_none();
+        let capturing = match scenario.has("mission") {
+            true => Some(Box::new(Capturing::new(scenario, &world)?)),
+            false => None,
+        };
+        let steered = scenario.has("camera") && operated.is_none() && capturing.is_none();
         let mut others = OtherBodies::default();
         let servo = if steered || scenario.has("controller") {
             Some(VisualServo::new(scenario, &world, &mut others)?)
@@ -158,6 +166,7 @@ impl ClosedLoop {
             others,
             servo,
             operated,
+            capturing,
             attitude,
             duration: dynamics.duration,
         })
@@ -170,7 +179,8 @@ impl ClosedLoop {
 
     /// Width, height and focal length of the camera's image \[px\]; `None` in a free motion.
     pub fn image(&self) -> Option<(u32, u32, f64)> {
-        self.servo.as_ref().map(|servo| servo.image)
+        let of_servo = self.servo.as_ref().map(|servo| servo.image);
+        of_servo.or(self.capturing.as_ref().map(|capturing| capturing.image))
     }
 
     /// Whether the controller's efforts were ever cut to the joints' limits.
@@ -183,6 +193,11 @@ impl ClosedLoop {
         self.attitude.as_ref().map(|control| &control.attitude)
     }
 
+    /// The capture mission with its camera and estimator, if there is one.
+    pub fn capturing(&self) -> Option<&Capturing> {
+        self.capturing.as_deref()
+    }
+
     /// Whether an operator steers.
     pub fn is_operated(&self) -> bool {
         self.operated.is_some()
@@ -191,7 +206,7 @@ impl ClosedLoop {
     /// Whether the camera tracks feature points of a target.
     pub fn tracks_target(&self) -> bool {
         let target = self.servo.as_ref().and_then(|servo| servo.target.as_ref());
-        target.is_some()
+        target.is_some() || self.capturing.is_some()
     }
 
     /// Runs camera and controller for the present state, then calls `observe`: the new efforts are set, time has not
@@ -215,11 +230,16 @@ impl ClosedLoop {
             Some(attitude) => Some(attitude.answer(&mut self.world)?),
             None => None,
         };
+        let capture = match &mut self.capturing {
+            Some(capturing) => Some(capturing.answer(&mut self.world, frames)?),
+            None => None,
+        };
         let moment = Moment {
             frames,
             answer,
             drive,
             attitude,
+            capture,
         };
         observe(&mut self.world, &moment)
     }

@@ -4,13 +4,16 @@ mod bag_check;
 mod bag_plot;
 mod balance;
 pub mod campaign;
+mod capturing;
 mod chart;
 mod closed_loop;
 mod continuous_loop;
+mod estimation_loop;
 mod estimation_plot;
 mod events;
 mod final_state;
 mod fleet;
+mod grasp_load;
 pub mod kida1993;
 pub mod masutani_ch3;
 pub mod masutani_ch5;
@@ -18,6 +21,7 @@ pub mod masutani_ch6;
 pub mod masutani_ch7;
 pub mod masutani_ch8;
 pub mod masutani_g;
+mod mission_summary;
 mod observations;
 mod operated;
 pub mod operation_counts;
@@ -26,6 +30,7 @@ mod performance;
 mod recorded;
 mod recorded_contacts;
 mod recorded_estimation;
+pub mod recorded_mission;
 mod recorded_names;
 mod recorded_physics;
 mod recorded_runs;
@@ -44,17 +49,21 @@ pub mod tracking;
 pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;
 pub use balance::{Balance, MomentumResidual};
+pub use capturing::{CaptureAnswer, Capturing};
 pub use chart::{
     ChartError, Dots, Figure, MapFigure, MapPanel, MapScale, Mark, Marks, Panel, PlaneFigure,
     Series, ShapeFigure, ShapePanel,
 };
 pub use closed_loop::{Answer, AttitudeAnswer, ClosedLoop, Moment};
 pub use continuous_loop::ContinuousLoop;
+pub use estimation_loop::EstimationLoop;
 pub use events::{Event, EventWatch};
 pub use final_state::{
     FinalAppendage, FinalContact, FinalMomentum, FinalMotor, FinalState, FinalTarget, FinalWheel,
 };
 pub use fleet::Fleet;
+pub use grasp_load::GraspLoad;
+pub use mission_summary::{MissionSummary, PhaseSummary, mission_lines};
 pub use observations::{Observations, ObservedTracks};
 pub use operated::{Drive, Operated};
 pub use other_bodies::OtherBodies;

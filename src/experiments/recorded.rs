@@ -9,7 +9,9 @@ use super::recorded_runs::RunCounter;
 use crate::bag::Message;
 use crate::model::Model;
 use crate::msg::builtin_interfaces::Time;
-use crate::msg::fuyu_msgs::{AppendageStates, ControllerState, ExternalImpulse, Momentum};
+use crate::msg::fuyu_msgs::{
+    AppendageStates, ControllerState, ExternalImpulse, MissionState, Momentum,
+};
 use crate::msg::geometry_msgs::{self, PoseStamped};
 use crate::msg::nav_msgs::Odometry;
 use crate::msg::sensor_msgs::JointState;
@@ -52,6 +54,8 @@ pub struct RecordedRun {
     pub base: Vec<BaseSample>,
     /// `controller/state`.
     pub controller: Vec<ControllerSample>,
+    /// The last `mission/state`.
+    pub mission: Option<MissionState>,
     /// The last `goal_pose`, with its frame.
     pub goal: Option<(String, Isometry3<f64>)>,
     /// The last transform of every frame in `tf` and `tf_static`: from child to parent and pose in it.
@@ -332,6 +336,11 @@ const TOPICS: &[(&str, &str, Take)] = &[
             }
         },
     ),
+    ("/mission/state", "fuyu_msgs/msg/MissionState", |run, m| {
+        if let Ok(state) = m.decode() {
+            run.mission = Some(state);
+        }
+    }),
     (
         "/camera/tip_pose",
         "geometry_msgs/msg/PoseStamped",

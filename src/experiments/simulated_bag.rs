@@ -25,7 +25,7 @@ use crate::{
             wheel_states, wrist_message,
         },
         features::feature_frame_to_msg,
-        teleop, topics,
+        mission, teleop, topics,
     },
     ros::Time,
 };
@@ -204,7 +204,12 @@ struct ServoTopics {
     /// If the camera watches a target.
     features: Option<TopicId>,
     commands: TopicId,
-    state: TopicId,
+    /// Of a controller.
+    state: Option<TopicId>,
+    /// Of an estimator, and of a mission.
+    prediction: Option<TopicId>,
+    wrench: Option<TopicId>,
+    mission: Option<(TopicId, mission::StateTimer)>,
     messages: Option<ControllerMessages>,
 }
 
@@ -247,6 +252,7 @@ impl RobotTopics {
                 None => None,
             },
             external_impulse: match run.world.is_acted_on()
+                || run.capturing().is_some()
                 || run.world.has_contact()
                 || run.world.coupled_targets().next().is_some()
             {
@@ -272,7 +278,25 @@ impl RobotTopics {
                         false => None,
                     },
                     commands: w.add(&topics::JOINT_COMMANDS)?,
-                    state: w.add(&topics::CONTROLLER_STATE)?,
+                    state: match run.capturing() {
+                        Some(_) => None,
+                        None => Some(w.add(&topics::CONTROLLER_STATE)?),
+                    },
+                    prediction: match run.capturing() {
+                        Some(_) => Some(w.add(&topics::PREDICTION)?),
+                        None => None,
+                    },
+                    wrench: match run.capturing() {
+                        Some(_) => Some(w.add(&topics::WRENCH)?),
+                        None => None,
+                    },
+                    mission: match run.capturing() {
+                        Some(_) => Some((
+                            w.add(&topics::MISSION_STATE)?,
+                            mission::StateTimer::default(),
+                        )),
+                        None => None,
+                    },
                     messages: None,
                 })
             } else {
@@ -403,7 +427,7 @@ impl SimulatedBag {
         if let (Some(topics), Some(answer)) = (&mut topics.attitude, &moment.attitude) {
             topics.write(&mut self.writer, time, answer)?;
         }
-        let (Some(servo), Some(answer)) = (&mut topics.servo, &moment.answer) else {
+        let Some(servo) = &mut topics.servo else {
             return Ok(());
         };
         let stamp = Time::from_secs_f64(time);
@@ -418,18 +442,50 @@ impl SimulatedBag {
                 w.write_message(servo.goal_pose, log, &goal)?;
             }
         }
-        for frame in answer.feature_frames {
+        let features = match (&moment.answer, &moment.capture) {
+            (Some(answer), _) => answer.feature_frames,
+            (None, Some(capture)) => capture.feature_frames,
+            (None, None) => &[],
+        };
+        for frame in features {
             if let Some(features) = servo.features {
                 let message = feature_frame_to_msg(frame, camera::CAMERA_FRAME);
                 w.write_message(features, log, &message)?;
             }
         }
+        if let Some(capture) = &moment.capture {
+            let header = std_msgs::Header {
+                stamp: stamp.into(),
+                frame_id: base.to_owned(),
+            };
+            if let Some(prediction) = servo.prediction {
+                for path in capture.predictions {
+                    w.write_message(prediction, log, path)?;
+                }
+            }
+            if let (Some(wrench), Some(couple)) = (servo.wrench, &capture.couple) {
+                let message = mission::couple(header.clone(), couple);
+                w.write_message(wrench, log, &message)?;
+            }
+            if let Some((topic, timer)) = &mut servo.mission
+                && timer.is_due(capture.mission, time)
+            {
+                let state = mission::state(capture.mission, header.clone());
+                w.write_message(*topic, log, &state)?;
+            }
+            let model = capture.model;
+            let message = mission::efforts(model, header, &capture.efforts);
+            w.write_message(servo.commands, log, &message)?;
+        }
+        let (Some(answer), Some(state)) = (&moment.answer, servo.state) else {
+            return Ok(());
+        };
         let messages = servo
             .messages
             .get_or_insert_with(|| ControllerMessages::new(answer.control_loop.controller()));
         messages.write(answer.control_loop, &answer.report);
         w.write_message(servo.commands, log, &messages.command)?;
-        w.write_message(servo.state, log, &messages.state)
+        w.write_message(state, log, &messages.state)
     }
 
     /// Closes the bag.

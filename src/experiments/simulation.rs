@@ -5,16 +5,15 @@ use std::{collections::BTreeMap, path::Path};
 use serde::Serialize;
 
 use super::{
-    ClosedLoop, Event, EventWatch, FinalState, Fleet, Performance, Recorded, SimulatedBag,
-    SimulatedImages, Summary,
+    ClosedLoop, Event, EventWatch, FinalState, Fleet, MissionSummary, Performance, Recorded,
+    SimulatedBag, SimulatedImages, Summary,
 };
 use crate::{
-    bag::BagError,
-    control::ConvergenceFailure,
-    nodes::{dynamics::World, scenario::Scenario},
-    vision::PoseFrame,
+    bag::BagError, control::ConvergenceFailure, nodes::scenario::Scenario, vision::PoseFrame,
 };
 
+/// Time that is simulated after the last mission is over \[s\].
+const AFTER_MISSIONS: f64 = 2.0;
 /// Simulated time of a scenario that states none \[s\].
 const DEFAULT_DURATION: f64 = 60.0;
 
@@ -69,14 +68,19 @@ struct Report<'a> {
     summary: &'a Summary,
     r#final: FinalState,
     events: &'a [Event],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mission: Option<MissionSummary>,
 }
 
 impl<'a> Report<'a> {
-    fn new(world: &World, summary: &'a Summary, events: &'a EventWatch) -> Self {
+    fn new(closed_loop: &ClosedLoop, summary: &'a Summary, events: &'a EventWatch) -> Self {
+        let world = &closed_loop.world;
+        let capturing = closed_loop.capturing();
         Self {
             summary,
             r#final: FinalState::of(world),
             events: events.events(),
+            mission: capturing.map(|capturing| MissionSummary::new(capturing, world)),
         }
     }
 }
@@ -160,9 +164,14 @@ pub fn simulate(
     }
 }
 
-/// Whether the present state is the last one.
+/// Whether the present state is the last one: the duration has passed, or there are missions and all have been over for
+/// [`AFTER_MISSIONS`].
 pub(super) fn is_over(fleet: &Fleet, duration: f64) -> bool {
-    fleet.time() >= duration - 1e-9
+    let missions = fleet.robots().filter_map(|(_, run)| run.capturing());
+    let ends = missions.map(|capturing| capturing.mission().ended());
+    let last = ends.reduce(|a, b| Some(a?.max(b?))).flatten();
+    let end = last.map_or(duration, |last| duration.min(last + AFTER_MISSIONS));
+    fleet.time() >= end - 1e-9
 }
 
 impl Observed {
@@ -273,7 +282,7 @@ fn with_reports<T>(
 ) -> T {
     let runs = fleet.robots().zip(summaries).zip(observed);
     let robots = runs.map(|(((namespace, closed_loop), summary), observed)| {
-        let report = Report::new(&closed_loop.world, summary, &observed.events);
+        let report = Report::new(closed_loop, summary, &observed.events);
         (namespace, report)
     });
     use_them(&Reports {

@@ -7,6 +7,7 @@
 //! | [`controller`] | `robot_description`, `joint_states`, `imu`, `command_delay`, `camera/tip_pose`, `camera/goal_pose`, `camera/second/tip_pose`, `camera/second/goal_pose`, `estimator/angular_velocity` | `joint_commands`, `controller/state` |
 //! | [`attitude`] | `robot_description`, `joint_states`, `imu`, `star_tracker`, `wheel_states`, `attitude_target` | `wheel_commands`, `thruster_commands`, `attitude/state` |
 //! | [`estimator`] | `/tf_static`, `imu`, `camera/camera_info`, `camera/features` | `estimator/angular_velocity`, `estimator/motion`, `estimator/prediction` |
+//! | [`mission`] | `robot_description`, `joint_states`, `imu`, `camera/goal_pose`, `estimator/prediction` | `joint_commands`, `wrench`, `mission/state` |
 //! | [`teleop`] | `robot_description`, `joint_states`, `imu`, `joy`, `cmd_vel` | `joint_commands` |
 //! | [`views`] | `ground_truth/odom`, `ground_truth/NAME/odom`, `ground_truth/momentum`, `ground_truth/appendages`, `ground_truth/appendage_outlines`, `camera/goal_pose`, `goal_pose`, `estimator/prediction` | `markers` |
 //! | [`recorder`] | any topic | a bag |
@@ -27,6 +28,8 @@ pub mod foxglove;
 pub mod geometry;
 mod joint_vectors;
 mod mesh;
+pub mod mission;
+mod named_lists;
 mod placement;
 pub mod player;
 pub mod recorder;
@@ -47,13 +50,14 @@ use crate::ros::{Node, NodeError};
 pub type Program = fn(&Node) -> Result<(), NodeError>;
 
 /// All nodes, in the order in which `fuyu launch` starts them: subscribers before publishers.
-pub const NODES: [(&str, Program); 8] = [
+pub const NODES: [(&str, Program); 9] = [
     ("recorder", recorder::program),
     ("views", views::program),
     ("estimator", estimator::program),
     ("controller", controller::program),
     ("attitude", attitude::program),
     ("teleop", teleop::program),
+    ("mission", mission::program),
     ("camera", camera::program),
     ("dynamics", dynamics::program),
 ];

@@ -33,28 +33,37 @@ pub fn declare_pose(
             }
         })
         .value();
-    let key = format!("{prefix}.orientation");
-    let orientation = declare
-        .param(
-            &key,
-            [0.0, 0.0, 0.0, 1.0],
-            &format!("Attitude of the {what} in the world at the start (x, y, z, w)"),
-        )
-        .read_only()
-        .check("4 finite numbers, norm 1", |v| finite(v, 4))
-        .value();
-    let rotation = match orientation.as_slice() {
-        &[x, y, z, w] => {
-            unit_quaternion(x, y, z, w).map_err(|e| format!("parameter {key}: {e}"))?
-        }
-        // The declaration has reported a wrong length.
-        _ => UnitQuaternion::identity(),
-    };
+    let rotation = declare_orientation(
+        declare,
+        &format!("{prefix}.orientation"),
+        &format!("Attitude of the {what} in the world at the start (x, y, z, w)"),
+    )?;
     let translation = match position.as_slice() {
         &[x, y, z] => Translation3::new(x, y, z),
         _ => return Ok(None),
     };
     Ok(Some(Isometry3::from_parts(translation, rotation)))
+}
+
+/// Declares a unit quaternion (x, y, z, w), no rotation by default, and reads it.
+///
+/// # Errors
+/// A line that names the parameter if its norm is not 1.
+pub fn declare_orientation(
+    declare: &mut Declare,
+    name: &str,
+    description: &str,
+) -> Result<UnitQuaternion<f64>, String> {
+    let values = declare
+        .param(name, [0.0, 0.0, 0.0, 1.0], description)
+        .read_only()
+        .check("4 finite numbers, norm 1", |v| finite(v, 4))
+        .value();
+    match values.as_slice() {
+        &[x, y, z, w] => unit_quaternion(x, y, z, w).map_err(|e| format!("parameter {name}: {e}")),
+        // The declaration has reported a wrong length.
+        _ => Ok(UnitQuaternion::identity()),
+    }
 }
 
 /// Declares a vector of three finite numbers, zero by default, and reads it.

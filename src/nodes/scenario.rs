@@ -17,6 +17,7 @@ use super::{
     controller::{ControllerParams, second_tip},
     dynamics::{DynamicsParams, World},
     estimator::EstimatorParams,
+    mission::MissionParams,
     recorder::RecorderParams,
     resource,
     sampled_loop::{self, Delay},
@@ -317,6 +318,22 @@ impl Scenario {
                     tip.map(drop).map_err(parameter)
                 })
             }
+            "mission" => {
+                let params = self.parameters_of(name, MissionParams::declare)?;
+                let rivals = ["controller", "teleop"];
+                let is_rival =
+                    |n: &&NodeName| rivals.contains(&n.name()) && n.namespace() == name.namespace();
+                if let Some(rival) = self.nodes.iter().find(is_rival) {
+                    return Err(at(format!(
+                        "{rival} commands the same joints; name one of the two"
+                    )));
+                }
+                let robot = self.robot(name.namespace());
+                robot.map_or(Ok(()), |robot| {
+                    let tip = tip_frame(&robot, &params.tip_link).map_err(parameter)?;
+                    params.mission(&robot, &tip).map(drop).map_err(at)
+                })
+            }
             "estimator" => self.parameters_of(name, EstimatorParams::declare).map(drop),
             "views" => {
                 let params = self.parameters_of(name, |d| Ok(ViewsParams::declare(d)));
@@ -476,6 +493,22 @@ impl Scenario {
     /// A line per wrong parameter.
     pub fn teleop(&self) -> Result<TeleopParams, String> {
         self.parameters("teleop", TeleopParams::declare)
+    }
+
+    /// Parameters of the mission node.
+    ///
+    /// # Errors
+    /// A line per wrong parameter.
+    pub fn mission(&self) -> Result<MissionParams, String> {
+        self.parameters("mission", MissionParams::declare)
+    }
+
+    /// Parameters of the estimator node.
+    ///
+    /// # Errors
+    /// A line per wrong parameter.
+    pub fn estimator(&self) -> Result<EstimatorParams, String> {
+        self.parameters("estimator", EstimatorParams::declare)
     }
 
     /// Parameters of the recorder node.

@@ -11,7 +11,7 @@ use crate::{
         Interface,
         fuyu_msgs::{
             AppendageOutlines, AppendageStates, AttitudeState, ControllerState, ExternalImpulse,
-            FeatureTracks, Momentum, MotionEstimate, ThrusterCommands,
+            FeatureTracks, MissionState, Momentum, MotionEstimate, ThrusterCommands,
         },
         geometry_msgs::{
             PoseStamped, QuaternionStamped, TwistStamped, Vector3Stamped, WrenchStamped,
@@ -66,9 +66,9 @@ topics! {
     /// Simulated time.
     CLOCK: Topic<Clock> = "/clock", CLOCK, ["dynamics"] => ["dynamics", "all with `use_sim_time`"];
     /// The robot's URDF.
-    ROBOT_DESCRIPTION: Topic<Text> = "robot_description", LATCHED, ["dynamics"] => ["attitude", "camera", "controller", "teleop"];
+    ROBOT_DESCRIPTION: Topic<Text> = "robot_description", LATCHED, ["dynamics"] => ["attitude", "camera", "controller", "mission", "teleop"];
     /// Joint positions, joint rates and mean joint efforts.
-    JOINT_STATES: Topic<JointState> = "joint_states", RELIABLE, ["dynamics"] => ["attitude", "camera", "controller", "teleop"];
+    JOINT_STATES: Topic<JointState> = "joint_states", RELIABLE, ["dynamics"] => ["attitude", "camera", "controller", "mission", "teleop"];
     /// Frames that move.
     TF: Topic<TFMessage> = "/tf", TF, ["dynamics"] => ["recorder"];
     /// Frames that do not move in their parent frame.
@@ -85,7 +85,7 @@ topics! {
     /// True momentum and kinetic energy of a target that has joints.
     TARGET_MOMENTUM: TargetTopic<Momentum> = "ground_truth/NAME/momentum", RELIABLE, ["dynamics"] => ["recorder"];
     /// Angular velocity and acceleration of the base, as measured.
-    IMU: Topic<Imu> = "imu", RELIABLE, ["dynamics"] => ["attitude", "controller", "estimator", "teleop"];
+    IMU: Topic<Imu> = "imu", RELIABLE, ["dynamics"] => ["attitude", "controller", "estimator", "mission", "teleop"];
     /// Attitude of the base in the world, as measured by the star tracker at the time of the stamp.
     STAR_TRACKER: Topic<QuaternionStamped> = "star_tracker", RELIABLE, ["dynamics"] => ["attitude"];
     /// True momentum and kinetic energy.
@@ -103,7 +103,7 @@ topics! {
     /// Points at which links touch, with forces; if there is contact.
     CONTACTS: Topic<Contacts> = "contacts", RELIABLE, ["dynamics"] => ["you"];
     /// Joint efforts to hold, joint rates to drive to, or joint positions to hold.
-    JOINT_COMMANDS: Topic<JointState> = "joint_commands", RELIABLE, ["controller", "teleop"] => ["dynamics"];
+    JOINT_COMMANDS: Topic<JointState> = "joint_commands", RELIABLE, ["controller", "mission", "teleop"] => ["dynamics"];
     /// How long after the state that they answer efforts act \[s\]; where time does not wait for answers.
     COMMAND_DELAY: Topic<Float64> = "command_delay", RELIABLE, ["dynamics"] => ["controller"];
     /// Motor torques of the wheels to hold, as efforts.
@@ -119,11 +119,11 @@ topics! {
     /// Twists of the tip in inertial space, as MoveIt Servo takes them.
     TWIST_COMMANDS: Topic<TwistStamped> = "delta_twist_cmds", RELIABLE, ["you"] => ["dynamics"];
     /// A wrench on the link that `frame_id` names.
-    WRENCH: Topic<WrenchStamped> = "wrench", RELIABLE, ["you"] => ["dynamics"];
+    WRENCH: Topic<WrenchStamped> = "wrench", RELIABLE, ["mission", "you"] => ["dynamics"];
     /// Measured pose of the tip in the base frame.
     TIP_POSE: Topic<PoseStamped> = "camera/tip_pose", RELIABLE, ["camera"] => ["controller"];
     /// Measured pose of the goal in the base frame.
-    MEASURED_GOAL: Topic<PoseStamped> = "camera/goal_pose", RELIABLE, ["camera"] => ["controller", "views"];
+    MEASURED_GOAL: Topic<PoseStamped> = "camera/goal_pose", RELIABLE, ["camera"] => ["controller", "mission", "views"];
     /// Measured pose of the second tip in the base frame.
     SECOND_TIP_POSE: Topic<PoseStamped> = "camera/second/tip_pose", RELIABLE, ["camera"] => ["controller"];
     /// Measured pose of the second tip's goal in the base frame.
@@ -162,12 +162,14 @@ topics! {
     CONTROLLER_STATE: Topic<ControllerState> = "controller/state", RELIABLE, ["controller"] => ["recorder"];
     /// Estimates, torques and momentum of the attitude controller.
     ATTITUDE_STATE: Topic<AttitudeState> = "attitude/state", RELIABLE, ["attitude"] => ["recorder"];
+    /// State of a capture mission, with what its phases have done so far.
+    MISSION_STATE: Topic<MissionState> = "mission/state", RELIABLE, ["mission"] => ["recorder"];
     /// Estimated angular velocity of the target.
     TARGET_RATE: Topic<Vector3Stamped> = "estimator/angular_velocity", RELIABLE, ["estimator"] => ["controller"];
     /// Estimated motion and inertia of the target.
     TARGET_MOTION: Topic<MotionEstimate> = "estimator/motion", RELIABLE, ["estimator"] => ["recorder"];
     /// Predicted attitudes of the target.
-    PREDICTION: Topic<Path> = "estimator/prediction", RELIABLE, ["estimator"] => ["views"];
+    PREDICTION: Topic<Path> = "estimator/prediction", RELIABLE, ["estimator"] => ["mission", "views"];
     /// Markers for RViz and Foxglove.
     MARKERS: Topic<MarkerArray> = "markers", RELIABLE, ["views"] => ["you"];
 }

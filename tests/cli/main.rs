@@ -19,6 +19,7 @@ mod grippers;
 mod images;
 mod input_files;
 mod inspect;
+mod mission;
 mod reproduce;
 mod tracking;
 mod two_servicers;

@@ -51,7 +51,13 @@ fn foxglove_layout_names_what_is_published() {
         assert!(layout["layout"].to_string().contains(id), "{id} is nowhere");
         for path in panel["paths"].as_array().into_iter().flatten() {
             let (name, fields) = path["value"].as_str().unwrap().split_once('.').unwrap();
-            follow(msg::find(&topic(name).type_name).unwrap(), fields);
+            let message = msg::find(&topic(name).type_name).unwrap();
+            if id.starts_with("StateTransitions") {
+                // Shows text, too.
+                assert!(message.fields.iter().any(|f| f.name == fields), "{fields}");
+                continue;
+            }
+            follow(message, fields);
             plotted += 1;
         }
     }

@@ -18,12 +18,13 @@ use crate::{
 
 /// The nodes whose sources the declarations are compared with. The recorder takes any topic.
 #[cfg(feature = "ros")]
-const CHECKED: [&str; 7] = [
+const CHECKED: [&str; 8] = [
     "dynamics",
     "camera",
     "controller",
     "attitude",
     "estimator",
+    "mission",
     "teleop",
     "views",
 ];
@@ -72,7 +73,7 @@ fn implemented() -> BTreeSet<String> {
             .filter(|node| path.contains(&format!("nodes/{node}/")));
         let nodes: Vec<_> = match path.ends_with("nodes/robot_description.rs") {
             // Shared by the nodes that subscribe to the robot's description.
-            true => vec!["attitude", "camera", "controller", "teleop"],
+            true => vec!["attitude", "camera", "controller", "mission", "teleop"],
             false => folder.copied().collect(),
         };
         for (method, verb) in [

@@ -20,9 +20,9 @@ const LAYERS: [(&str, &[Layer]); 7] = [
             ("spatial", &[]),
             ("model", &["spatial"]),
             ("dynamics", &["spatial", "model"]),
-            ("control", &["spatial", "model", "dynamics"]),
             ("vision", &["spatial"]),
             ("estimation", &["spatial", "model", "dynamics", "vision"]),
+            ("control", &["spatial", "model", "dynamics", "estimation"]),
         ],
     ),
     (

@@ -30,6 +30,7 @@ macro_rules! for_every_type {
             fuyu_msgs::ControllerState,
             fuyu_msgs::ExternalImpulse,
             fuyu_msgs::FeatureTracks,
+            fuyu_msgs::MissionState,
             fuyu_msgs::Momentum,
             fuyu_msgs::MotionEstimate,
             fuyu_msgs::ThrusterCommands,

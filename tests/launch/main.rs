@@ -37,6 +37,7 @@ mod joining;
 mod large_commands;
 mod lifecycle;
 mod lockstep;
+mod mission;
 mod motions;
 mod observer;
 mod overload;

@@ -7,6 +7,7 @@ pub fn binary(name: &str) -> &'static str {
         "dynamics" => env!("CARGO_BIN_EXE_dynamics"),
         "camera" => env!("CARGO_BIN_EXE_camera"),
         "controller" => env!("CARGO_BIN_EXE_controller"),
+        "mission" => env!("CARGO_BIN_EXE_mission"),
         "estimator" => env!("CARGO_BIN_EXE_estimator"),
         "teleop" => env!("CARGO_BIN_EXE_teleop"),
         "attitude" => env!("CARGO_BIN_EXE_attitude"),

@@ -33,7 +33,7 @@ const RECORDER_PATIENCE: Duration = Duration::from_secs(5);
 /// the bag. `--ros-args` at the end, with -r, -p, --params-file and --log-level, applies to all nodes.
 #[derive(Debug, Default, clap::Args)]
 pub struct Args {
-    /// Scenario: a ROS 2 parameter file; default: config/servicing.yaml
+    /// Scenario: a ROS 2 parameter file; default: config/capture.yaml
     #[arg(value_name = "CONFIG")]
     config: Option<String>,
     /// Simulated duration [s], instead of the scenario's
@@ -174,13 +174,13 @@ fn start(
         // Its time is /clock.
         robots.clear();
     }
-    let controllers = observed("controller");
+    let (controllers, missions) = (observed("controller"), observed("mission"));
     let monitor = NodeOptions {
         parameter_services: false,
         ..options("launch_monitor", namespace)
     };
     process.start_with(monitor, move |node| {
-        monitor::program(node, duration, &robots, &controllers, &shared)
+        monitor::program(node, duration, &robots, (&controllers, &missions), &shared)
     })?;
     Ok(())
 }

@@ -10,11 +10,17 @@ use std::{
 };
 
 use crate::{
-    msg::{fuyu_msgs::ControllerState, rosgraph_msgs::Clock},
+    experiments::recorded_mission,
+    msg::{
+        fuyu_msgs::{ControllerState, MissionState},
+        rosgraph_msgs::Clock,
+    },
     nodes::{controller::measured_errors, topics},
     ros::{Node, NodeError, Qos, Subscription, Time},
 };
 
+/// Simulated time after the end of the last mission at which a launch ends \[s\].
+const AFTER_MISSIONS: f64 = 2.0;
 /// Interval between two looks at the topics.
 const PERIOD: Duration = Duration::from_millis(50);
 
@@ -70,8 +76,9 @@ impl Observed {
     }
 }
 
-/// The node's program: subscribes to `/clock`, to `controller/state` of the `controllers`, and to the odometry of `robots`,
-/// the dynamics nodes of several robots. It ends when the duration is over for all.
+/// The node's program: subscribes to `/clock`, to `controller/state` of the `controllers`, to `mission/state` of the `missions`, and to the odometry of `robots`,
+/// the dynamics nodes of several robots. It ends when the duration is over for
+/// all, or when all missions have been over for [`AFTER_MISSIONS`].
 ///
 /// # Errors
 /// When DDS fails.
@@ -79,7 +86,7 @@ pub fn program(
     node: &Node,
     duration: f64,
     robots: &[Observed],
-    controllers: &[Observed],
+    (controllers, missions): (&[Observed], &[Observed]),
     progress: &Progress,
 ) -> Result<(), NodeError> {
     let is_end = |time: f64| duration > 0.0 && time >= duration - 1e-9;
@@ -96,6 +103,13 @@ pub fn program(
     });
     let states: Vec<(_, Subscription<ControllerState>)> =
         states.collect::<Result<_, NodeError>>()?;
+    let missions = missions.iter().map(|mission| {
+        let state = topics::MISSION_STATE;
+        let topic = mission.topic(state.name);
+        Ok((node.subscribe(&topic, state.qos)?, None))
+    });
+    let mut missions: Vec<(Subscription<MissionState>, Option<f64>)> =
+        missions.collect::<Result<_, NodeError>>()?;
     let mut now = 0.0;
     while node.ok() {
         for (odometry, time) in &mut robots {
@@ -112,6 +126,12 @@ pub fn program(
                 });
             }
         }
+        for (state, end) in &mut missions {
+            if let Some(received) = state.latest() {
+                let start = received.message.phase_start.last().copied();
+                *end = start.filter(|_| recorded_mission::is_over(&received.message));
+            }
+        }
         if let Some(received) = clock.latest() {
             let time = Time::from(received.message.clock).as_secs_f64();
             // Since it arrived. A wall clock that is set meanwhile must not matter.
@@ -126,7 +146,10 @@ pub fn program(
             });
             now = time;
         }
-        if is_end(now) && robots.iter().all(|(_, time)| is_end(*time)) {
+        let is_after =
+            |(_, end): &(_, Option<f64>)| end.is_some_and(|end| now >= end + AFTER_MISSIONS);
+        let has_captured = !missions.is_empty() && missions.iter().all(is_after);
+        if has_captured || is_end(now) && robots.iter().all(|(_, time)| is_end(*time)) {
             progress.over.store(true, Ordering::Release);
             return Ok(());
         }

@@ -106,6 +106,9 @@ fn deviation(
 /// which this small delay changes the result, as near a singularity, the range between the two is right. Names the robot
 /// if there are several.
 pub fn missed(scenario: &Scenario, errors: &TipErrors, end: f64) -> Option<String> {
+    if !scenario.nodes().iter().any(|n| n.name() == "controller") {
+        return None;
+    }
     // Without a reference the tips have to arrive.
     let prompt = references(scenario, end).unwrap_or_default();
     let late = with_late_poses(scenario).and_then(|late| references(&late, end));

@@ -39,7 +39,7 @@ impl Plan {
         let name = args
             .config
             .as_deref()
-            .unwrap_or("package://fuyu/config/servicing.yaml");
+            .unwrap_or("package://fuyu/config/capture.yaml");
         let mut scenario = Scenario::read(name)?.with_args(ros_args);
         let path = scenario.path().display().to_string();
         if let Some(duration) = args.duration {

@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     bag::Bag,
-    experiments::{RecordedRun, RecordedRuns, momentum_residuals, title_of},
+    experiments::{RecordedRun, RecordedRuns, momentum_residuals, recorded_mission, title_of},
     ros::Node,
     spatial::roll_pitch_yaw_intrinsic,
 };
@@ -103,6 +103,21 @@ fn describe(run: &RecordedRun, row: &mut dyn FnMut(&str, String)) {
             "tip attitude error",
             format!("{:.3e} rad", last.attitude_error),
         );
+    }
+    if let Some(mission) = &run.mission {
+        for phase in recorded_mission::phases(mission) {
+            let span = match phase.outcome {
+                "" => format!("{:.1} s to {:.1} s, not ended", phase.start, phase.end),
+                outcome if phase.end == phase.start => format!("{:.1} s: {outcome}", phase.start),
+                outcome => format!("{:.1} s to {:.1} s: {outcome}", phase.start, phase.end),
+            };
+            row(phase.name, span);
+            for (name, value, unit) in phase.figures {
+                if name == "mass" {
+                    row("identified mass", format!("{value:.2} {unit}"));
+                }
+            }
+        }
     }
     if let (Some(first), Some(last)) = (run.base.first(), run.base.last()) {
         let moved = run.base_com(last) - run.base_com(first);

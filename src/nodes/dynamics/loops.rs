@@ -2,11 +2,10 @@
 
 use nalgebra::{Rotation3, Translation3};
 
-use super::params::names::declare_each;
 use crate::{
     dynamics::{Direction, LoopClosure, LoopError, Loops},
     model::{Frame, Model},
-    nodes::{choice, placement::declare_vector},
+    nodes::{choice, named_lists::declare_each, placement::declare_vector},
     ros::Declare,
     spatial::Pose,
 };

@@ -16,7 +16,7 @@ pub use held_tick::HeldTick;
 
 use super::divergence::{self, StateBackup};
 use super::excitations::Excitations;
-use super::external_wrenches::{ExternalChange, ExternalWrenches};
+use super::external_wrenches::{ExternalChange, ExternalWrench, ExternalWrenches, WrenchAxes};
 use super::free_body::{FreeBody as _, Restorable};
 use super::imu::ImuParams;
 use super::joint_command::Setpoint;
@@ -36,7 +36,7 @@ use crate::{
         with_default_effort_limits,
     },
     model::Model,
-    spatial::Twist,
+    spatial::{Twist, Wrench},
     vision::{StarTracker, StarTrackerFrame},
 };
 
@@ -413,6 +413,25 @@ impl World {
         let robot = self.robot.flexible();
         let has_thrusters = robot.is_some_and(|r| !r.system().thrusters().is_empty());
         has_thrusters || self.wrenches.excitations().push()
+    }
+
+    /// Applies a couple \[N m\] (base axes) to the base from now on for `seconds`, as a message on `wrench` does. It
+    /// replaces the one before.
+    ///
+    /// # Errors
+    /// A line, when too many wrenches wait.
+    pub fn hold_couple(&mut self, couple: Vector3<f64>, seconds: f64) -> Result<(), String> {
+        let link = self.robot.model().frames()[0].clone();
+        let now = self.time();
+        self.wrenches.add(ExternalWrench {
+            axes: WrenchAxes::Robot(link.clone()),
+            link,
+            point: Vector3::zeros(),
+            wrench: Wrench::new(couple, Vector3::zeros()),
+            from: now,
+            until: now + seconds,
+            is_streamed: true,
+        })
     }
 
     /// Wrenches from outside, to add or clear some.

@@ -24,6 +24,15 @@ pub struct CameraAttitude {
 }
 
 impl CameraAttitude {
+    /// With a gyro whose frame is `unit` and a camera `camera` that has the rotation `R_UC` in it.
+    pub fn mounted(unit: &str, camera: &str, R_UC: UnitQuaternion<f64>) -> Self {
+        let mount = (camera.to_owned(), (unit.to_owned(), R_UC));
+        Self {
+            mounts: StaticRotations([mount].into()),
+            ..Self::default()
+        }
+    }
+
     /// Adds fixed frames.
     ///
     /// # Errors

@@ -12,7 +12,8 @@ mod observer;
 mod params;
 mod solver;
 
-pub use camera_attitude::{StaticRotations, variance_of};
+pub use camera_attitude::{CameraAttitude, StaticRotations, variance_of};
+pub use messages::Snapshot;
 pub use params::EstimatorParams;
 
 use std::time::{Duration, Instant};

@@ -6,8 +6,8 @@ use super::Scenario;
 use crate::{
     nodes::{
         attitude::AttitudeParams, camera::CameraParams, controller::ControllerParams,
-        dynamics::DynamicsParams, estimator::EstimatorParams, recorder::RecorderParams,
-        teleop::TeleopParams, views::ViewsParams,
+        dynamics::DynamicsParams, estimator::EstimatorParams, mission::MissionParams,
+        recorder::RecorderParams, teleop::TeleopParams, views::ViewsParams,
     },
     ros::{Declare, NodeName, ParameterValue},
 };
@@ -25,6 +25,7 @@ fn declare(node: &str, declare: &mut Declare) -> Result<(), String> {
             Ok(())
         }
         "attitude" => AttitudeParams::declare(declare).map(drop),
+        "mission" => MissionParams::declare(declare).map(drop),
         "teleop" => TeleopParams::declare(declare).map(drop),
         "estimator" => EstimatorParams::declare(declare).map(drop),
         "views" => {

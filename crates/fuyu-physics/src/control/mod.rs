@@ -8,12 +8,15 @@
 //!
 //! [`attitude`] holds the base by wheels and thrusters.
 //!
+//! [`capture`] plans and runs the capture of a free target.
+//!
 //! [`commander`] has what joint trajectories, paths and twists of the tip need: the drives of a robot that others
 //! command.
 
 pub mod attitude;
 mod auto_gains;
 mod bumpless_transfer;
+pub mod capture;
 pub mod commander;
 mod computed_torque;
 mod config;

@@ -4,6 +4,8 @@
 use super::geometry_msgs::{Point, Quaternion, Vector3};
 use super::std_msgs::Header;
 
+pub mod capture;
+
 crate::messages! {
     package fuyu_msgs;
 
@@ -196,6 +198,38 @@ crate::messages! {
         u: Vec<f64>,
         /// Vertical position of each point, downwards \[px\]; pixel centres are at integers.
         v: Vec<f64>,
+    }
+
+    /// State of a capture mission, and what its phases have done so far.
+    ///
+    /// The phases are observe, plan, approach, grasp, detumble and identify; then done or aborted.
+    message MissionState {
+        /// Time of the state; the robot's base frame.
+        header: Header,
+        /// The present phase.
+        phase: String,
+        /// What of it is done, from 0 to 1.
+        progress: f64,
+        /// What it waits for; empty if it does not wait.
+        waits_for: String,
+        /// Whether an operator has paused it.
+        is_held: bool,
+        /// Phases so far, the present one last.
+        phase_name: Vec<String>,
+        /// When each began \[s\].
+        phase_start: Vec<f64>,
+        /// When each ended \[s\]; of the present one the time of the state.
+        phase_end: Vec<f64>,
+        /// How each ended; empty of the present one.
+        outcome: Vec<String>,
+        /// Names of the phases' figures.
+        figure_name: Vec<String>,
+        /// The phase of each, from 0.
+        figure_phase: Vec<u32>,
+        /// Their values.
+        figure_value: Vec<f64>,
+        /// Their units; empty for ratios and counts.
+        figure_unit: Vec<String>,
     }
 
     /// How a body tumbles: the parameters of a free rotation, after Masutani 1995, and how well they fit.

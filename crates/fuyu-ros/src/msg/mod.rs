@@ -82,6 +82,7 @@ pub fn service_definitions() -> impl Iterator<Item = &'static Definition> {
         control_msgs::follow_joint_trajectory::DEFINITIONS,
         control_msgs::gripper_command::DEFINITIONS,
         control_msgs::parallel_gripper_command::DEFINITIONS,
+        fuyu_msgs::capture::DEFINITIONS,
         fuyu_msgs::services::DEFINITIONS,
         lifecycle_msgs::services::DEFINITIONS,
         rcl_interfaces::services::DEFINITIONS,

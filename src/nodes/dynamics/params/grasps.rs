@@ -1,17 +1,14 @@
 //! Parameters of grasps: which frames of robot and targets latch, and when.
 
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Vector3};
 
-use super::{
-    names::declare_each,
-    numbers::{not_negative, scheduled_time},
-};
+use super::numbers::{not_negative, scheduled_time};
 use crate::{
     dynamics::capture::{JointReaction, Latch, ReleaseSpring},
     nodes::{
         choice,
-        geometry::unit_quaternion,
-        placement::{declare_vector, finite},
+        named_lists::declare_each,
+        placement::{declare_orientation, declare_vector, finite},
     },
     ros::Declare,
 };
@@ -71,16 +68,11 @@ impl GraspParams {
             &key("target_position"),
             "Position of the grasp frame in the target's root link [m]",
         );
-        let orientation_key = key("target_orientation");
-        let orientation: Vec<f64> = declare
-            .param(
-                &orientation_key,
-                vec![0.0, 0.0, 0.0, 1.0],
-                "Attitude of the grasp frame in the target's root link (x, y, z, w)",
-            )
-            .read_only()
-            .check("4 finite numbers, norm 1", |v| finite(v, 4))
-            .value();
+        let rotation = declare_orientation(
+            declare,
+            &key("target_orientation"),
+            "Attitude of the grasp frame in the target's root link (x, y, z, w)",
+        );
         let latch = choice::declare(declare, &key("kind"), &Latch::NAMES, "What the grasp holds")
             .read_only()
             .value();
@@ -136,12 +128,6 @@ impl GraspParams {
                 }
             })
             .value();
-        let rotation = match orientation.as_slice() {
-            &[x, y, z, w] => unit_quaternion(x, y, z, w)
-                .map_err(|e| format!("parameter {orientation_key}: {e}"))?,
-            // The declaration has reported a wrong length.
-            _ => UnitQuaternion::identity(),
-        };
         let spring = match direction.as_slice() {
             &[x, y, z] if energy > 0.0 => Some(ReleaseSpring {
                 direction: Vector3::new(x, y, z),
@@ -152,7 +138,7 @@ impl GraspParams {
         Ok(Self {
             frame,
             target,
-            X_TG: Isometry3::from_parts(position.into(), rotation),
+            X_TG: Isometry3::from_parts(position.into(), rotation?),
             // The declaration has refused any other text.
             latch: choice::find(&Latch::NAMES, &latch).unwrap_or_default(),
             joints: choice::find(&JointReaction::NAMES, &joints).unwrap_or_default(),

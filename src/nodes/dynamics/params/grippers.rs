@@ -1,10 +1,7 @@
 //! Parameters of grippers: the joint of each, its limits, and when its goals are over.
 
-use super::{
-    names::declare_each,
-    numbers::{limit, not_negative, scheduled_time},
-};
-use crate::ros::Declare;
+use super::numbers::{limit, not_negative, scheduled_time};
+use crate::{nodes::named_lists::declare_each, ros::Declare};
 
 /// Parameters of a gripper.
 #[derive(Debug, Clone, PartialEq)]

@@ -11,8 +11,8 @@ mod grasps;
 mod grippers;
 mod joint_physics;
 mod lockstep;
+mod mass_scale;
 mod motions;
-pub(super) mod names;
 mod numbers;
 mod robots;
 mod thrusters;
@@ -51,6 +51,7 @@ pub use grippers::GripperParams;
 use grippers::declare_grippers;
 use joint_physics::declare_joint_physics;
 pub use lockstep::LockstepOn;
+use mass_scale::{declare_mass_scale, with_scaled_masses};
 pub use motions::{BaseReaction, LiveBaseReaction, MotionParams};
 use motions::{declare_base_reaction, declare_motions, declare_position_servo};
 use robots::declare_robots;
@@ -246,9 +247,10 @@ impl DynamicsParams {
                 )
                 .read_only()
                 .value();
+            let mass_scale = declare_mass_scale(declare, &name);
             let motion = InitialMotion::declare(declare, &name, "target's frame");
             let joints = InitialJoints::declare(declare, &name);
-            targets.push((name, key, file, lookup, motion, joints));
+            targets.push((name, key, file, lookup, mass_scale, motion, joints));
         }
         let grasps = declare_grasps(declare);
         let grippers = declare_grippers(declare);
@@ -448,8 +450,11 @@ impl DynamicsParams {
             Description::new(xml, "parameter robot_description".to_owned(), strict)
         };
         let targets = (targets.into_iter())
-            .map(|(name, key, file, lookup, motion, joints)| {
-                let description = Description::read(&key, &file, &lookup, strict)?;
+            .map(|(name, key, file, lookup, mass_scale, motion, joints)| {
+                let mut description = Description::read(&key, &file, &lookup, strict)?;
+                if mass_scale != 1.0 {
+                    description.xml = with_scaled_masses(&description.xml, mass_scale);
+                }
                 Ok(TargetParams {
                     name,
                     description,

@@ -41,7 +41,7 @@ impl BaseState {
 /// of mass. Its axes are those of the base at the first sample. They drift slowly with the gyro, which has no effect
 /// because only differences over a sensor's latency are used.
 #[derive(Debug, Clone)]
-pub(super) struct BaseMotion {
+pub(in crate::control) struct BaseMotion {
     samples: VecDeque<BaseState>,
 }
 

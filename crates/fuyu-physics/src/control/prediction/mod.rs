@@ -18,6 +18,7 @@ mod predictor;
 pub use goal_motion::GoalMotionConfig;
 pub use predictor::{Prediction, TipPrediction};
 
-use base_motion::{BaseMotion, BaseState};
+pub(in crate::control) use base_motion::BaseMotion;
+use base_motion::BaseState;
 use goal_motion::GoalMotion;
 pub(super) use predictor::Predictor;

@@ -6,7 +6,7 @@ use crate::ros::Declare;
 ///
 /// # Errors
 /// A line that names the list and the name that is given twice.
-pub(in crate::nodes::dynamics) fn declare_each<T>(
+pub(in crate::nodes) fn declare_each<T>(
     declare: &mut Declare,
     plural: &str,
     description: &str,

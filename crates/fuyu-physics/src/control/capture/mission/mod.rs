@@ -1,0 +1,472 @@
+//! The mission: a state machine from measurements to joint efforts, couple and gripper.
+
+mod approach;
+mod command;
+mod config;
+mod grasp;
+mod joints;
+mod measuring;
+mod report;
+mod search;
+mod stabilise;
+
+pub use command::{Command, Gripper, MissionError, Sample};
+pub use config::CaptureConfig;
+pub use report::{Figure, Phase, PhaseReport};
+
+use std::collections::VecDeque;
+
+use nalgebra::{DVector, UnitQuaternion, Vector3};
+
+use super::Clearance;
+use super::FrameMotion;
+use super::own_motion::OwnMotion;
+use super::payload::with_payload;
+use super::plan::Plan;
+use super::rendezvous::RendezvousPlanner;
+use super::rotation_forecast::RotationForecast;
+use super::target_track::TargetTrack;
+use super::tip_impedance::TipImpedance;
+use crate::control::commander::{JointPoint, JointServo, JointSpline};
+use crate::control::gains::ConfigError;
+use crate::dynamics::Workspace;
+use crate::model::{Frame, Model};
+use crate::spatial::{InertiaError, Pose, RigidInertia};
+
+/// Longest time between two samples that counts as waiting \[s\].
+const LONGEST_PERIOD: f64 = 0.5;
+
+/// Robot and target after the grasp.
+#[derive(Debug, Clone)]
+pub(super) struct Held {
+    pub payload: RigidInertia,
+    pub is_identified: bool,
+    pub servo: JointServo,
+    pub workspace: Workspace,
+    /// Pose of the grasp frame in the tip's when it was grasped, as measured.
+    pub X_EG: Option<Pose>,
+}
+
+/// What is being done.
+#[derive(Debug, Clone)]
+pub(super) enum Stage {
+    Observe,
+    Plan(Box<search::Search>),
+    Approach {
+        plan: Box<Plan>,
+        /// When it was last planned \[s\].
+        planned: f64,
+    },
+    /// The tip moves along the approach axis, in the frame of the target.
+    Close(grasp::Closing),
+    /// Pulls, to find out whether it holds.
+    Pull(grasp::Pull),
+    /// Joints come to rest; what then.
+    Stop(Box<JointSpline>, AfterStop),
+    Detumble(stabilise::Detumbling),
+    Identify(stabilise::Identifying),
+    /// Joints are held where the reference is.
+    Rest,
+}
+
+/// What comes after joints have stopped.
+#[derive(Debug, Clone)]
+pub(super) enum AfterStop {
+    /// It plans again, for a reason.
+    Plan(String),
+    Abort(String),
+}
+
+/// Captures a target. It owns no clock: every [`CaptureMission::step`] gives time and measurements.
+#[derive(Debug, Clone)]
+pub struct CaptureMission {
+    config: CaptureConfig,
+    model: Model,
+    tip: Frame,
+    /// Attitude of the camera in the base.
+    R_BC: UnitQuaternion<f64>,
+    own: OwnMotion,
+    track: TargetTrack,
+    planner: RendezvousPlanner,
+    servo: JointServo,
+    impedance: TipImpedance,
+    held: Option<Held>,
+    /// Which of the grasp frames is chosen.
+    grasp: usize,
+    stage: Stage,
+    reports: Vec<PhaseReport>,
+    reference: Vec<JointPoint>,
+    /// Forecasts in the camera's axes at their start, for which the base's attitude is not known yet.
+    forecasts: VecDeque<RotationForecast>,
+    /// Grasp poses in the base frame, for which it is not known yet.
+    poses: VecDeque<(f64, Pose)>,
+    /// Measured poses of the grasp frame in the tip's.
+    relative: VecDeque<(f64, Pose)>,
+    is_paused: bool,
+    skips: bool,
+    abort_requested: bool,
+    /// The operator has ended observation before the prediction was good enough, and answers for it.
+    accepts_uncertainty: bool,
+    /// What the gripper reports, if it does.
+    grip: Option<bool>,
+    attempt: u32,
+    /// Time of the last sample \[s\].
+    last: Option<f64>,
+    /// How long it has waited for a prediction and a plan, pauses not counted \[s\].
+    waited: f64,
+    /// How often an approach was interrupted, pauses not counted.
+    interruptions: u32,
+    /// Momentum of the wheels, base axes \[N m s\].
+    wheels: Vector3<f64>,
+    /// What it waits for.
+    note: String,
+    efforts: DVector<f64>,
+    couple: (Vector3<f64>, Vector3<f64>),
+    gripper: Gripper,
+}
+
+impl CaptureMission {
+    /// A mission of the robot with its tip; `camera` is the frame in whose axes rotations are forecast.
+    ///
+    /// # Errors
+    /// [`ConfigError`].
+    pub fn new(
+        model: &Model,
+        tip: &Frame,
+        camera: &Frame,
+        config: CaptureConfig,
+    ) -> Result<Self, ConfigError> {
+        let n = model.dof();
+        config.check(n)?;
+        let clearance = Clearance::new(model, tip, config.clearance);
+        let mut workspace = Workspace::new(model);
+        workspace.set_positions(&DVector::zeros(n));
+        let X_BC = workspace.X_BF(camera);
+        Ok(Self {
+            R_BC: UnitQuaternion::from_rotation_matrix(&X_BC.rotation),
+            own: OwnMotion::new(model, tip),
+            track: TargetTrack::new(config.track),
+            planner: RendezvousPlanner::new(model, tip, clearance, config.limits)
+                .with_objective(config.objective, &config.approach_axis),
+            servo: JointServo::new(model, config.joint_bandwidth),
+            impedance: TipImpedance::new(model, tip, config.tip_law),
+            held: None,
+            grasp: 0,
+            stage: Stage::Observe,
+            reports: Vec::new(),
+            reference: Vec::new(),
+            forecasts: VecDeque::new(),
+            poses: VecDeque::new(),
+            relative: VecDeque::new(),
+            is_paused: false,
+            skips: false,
+            abort_requested: false,
+            accepts_uncertainty: false,
+            grip: None,
+            attempt: 0,
+            last: None,
+            waited: 0.0,
+            interruptions: 0,
+            wheels: Vector3::zeros(),
+            note: String::new(),
+            efforts: DVector::zeros(n),
+            couple: (Vector3::zeros(), Vector3::zeros()),
+            gripper: Gripper::Open,
+            model: model.clone(),
+            tip: tip.clone(),
+            config,
+        })
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &CaptureConfig {
+        &self.config
+    }
+
+    /// The robot.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Motion of the target, as far as it is known.
+    pub fn track(&self) -> &TargetTrack {
+        &self.track
+    }
+
+    /// Pose of the chosen grasp frame in the measured one.
+    pub fn X_GK(&self) -> &Pose {
+        &self.config.grasps[self.grasp]
+    }
+
+    /// Predicted motion of the chosen grasp frame in I.
+    fn goal(&self, time: f64) -> Option<FrameMotion> {
+        Some(self.track.at(time)?.of_fixed(self.X_GK()))
+    }
+
+    /// Chooses a grasp frame.
+    fn choose(&mut self, grasp: usize) {
+        if grasp != self.grasp {
+            self.grasp = grasp;
+            self.relative.clear();
+        }
+    }
+
+    /// The present phase; observation before the first step.
+    pub fn phase(&self) -> Phase {
+        self.reports.last().map_or(Phase::Observe, |r| r.phase)
+    }
+
+    /// Reports of all phases so far, the present one last.
+    pub fn reports(&self) -> &[PhaseReport] {
+        &self.reports
+    }
+
+    /// When it ended \[s\], if it is over.
+    pub fn ended(&self) -> Option<f64> {
+        let last = self.reports.last()?;
+        last.phase.is_over().then_some(last.start)
+    }
+
+    /// Whether [`CaptureMission::abort`] has been called.
+    pub fn is_aborted_on_request(&self) -> bool {
+        self.abort_requested
+    }
+
+    /// Why it was aborted, if it was.
+    pub fn abort_reason(&self) -> Option<&str> {
+        let last = self.reports.last()?;
+        (last.phase == Phase::Aborted).then_some(last.outcome.as_str())
+    }
+
+    /// What it waits for, as a line; empty if it does not wait.
+    pub fn waits_for(&self) -> &str {
+        match self.stage {
+            Stage::Observe | Stage::Plan(_) => &self.note,
+            _ => "",
+        }
+    }
+
+    /// Whether an operator has paused it.
+    pub fn is_paused(&self) -> bool {
+        self.is_paused
+    }
+
+    /// The target's mass, centre of mass and inertia in the tip's frame: presumed, or as identified; `None` before the
+    /// grasp.
+    pub fn payload(&self) -> Option<&RigidInertia> {
+        self.held.as_ref().map(|held| &held.payload)
+    }
+
+    /// Whether the payload is the identified one.
+    pub fn is_identified(&self) -> bool {
+        self.held.as_ref().is_some_and(|held| held.is_identified)
+    }
+
+    /// The plan that is being followed.
+    pub fn plan(&self) -> Option<&Plan> {
+        match &self.stage {
+            Stage::Approach { plan, .. } => Some(plan),
+            _ => None,
+        }
+    }
+
+    /// What of the present phase is done, from 0 to 1.
+    pub fn progress(&self) -> f64 {
+        let time = self.own.state().time;
+        let share = match &self.stage {
+            Stage::Observe => self.track.span() / self.config.observe_time,
+            Stage::Plan(_) | Stage::Stop(..) => 0.0,
+            Stage::Approach { plan, .. } => {
+                // The plan itself begins where it was last planned.
+                let start = self
+                    .reports
+                    .last()
+                    .map_or(plan.start, |report| report.start);
+                (time - start) / (plan.arrival - start)
+            }
+            Stage::Close(closing) => 0.7 * closing.progress(),
+            Stage::Pull(pull) => 0.7 + 0.3 * pull.progress(time),
+            Stage::Detumble(detumbling) => detumbling.progress(),
+            Stage::Identify(identifying) => identifying.progress(time),
+            Stage::Rest => 1.0,
+        };
+        share.clamp(0.0, 1.0)
+    }
+
+    /// Adds a measured pose of the grasp frame in the base frame, exposed at `time` \[s\].
+    pub fn add_grasp_pose(&mut self, time: f64, X_BG: Pose) {
+        self.poses.push_back((time, X_BG));
+        if self.poses.len() > 1000 {
+            self.poses.pop_front();
+        }
+    }
+
+    /// Adds a forecast of attitudes in the camera's axes at its start.
+    pub fn add_forecast(&mut self, forecast: RotationForecast) {
+        self.forecasts.push_back(forecast);
+        if self.forecasts.len() > 10 {
+            self.forecasts.pop_front();
+        }
+    }
+
+    /// What the gripper reports: whether it holds the target. Without such a report the arm pulls to find out.
+    pub fn set_grip(&mut self, holds: Option<bool>) {
+        self.grip = holds;
+    }
+
+    /// Pauses: the arm stops, or keeps its distance from the target; no couple acts.
+    ///
+    /// # Errors
+    /// [`MissionError::Over`].
+    pub fn hold(&mut self) -> Result<(), MissionError> {
+        self.check_not_over()?;
+        self.is_paused = true;
+        Ok(())
+    }
+
+    /// Ends a pause.
+    ///
+    /// # Errors
+    /// [`MissionError::Over`].
+    pub fn resume(&mut self) -> Result<(), MissionError> {
+        self.check_not_over()?;
+        self.is_paused = false;
+        Ok(())
+    }
+
+    /// Ends the present phase early: observation (the arm approaches although the prediction is uncertain), detumbling or
+    /// identification.
+    ///
+    /// # Errors
+    /// [`MissionError`].
+    pub fn skip(&mut self) -> Result<(), MissionError> {
+        self.check_not_over()?;
+        match self.phase() {
+            Phase::Observe | Phase::Detumble | Phase::Identify => {
+                self.skips = true;
+                Ok(())
+            }
+            phase => Err(MissionError::NotSkippable(phase.name())),
+        }
+    }
+
+    /// Aborts: the tip retreats if it is close to the target, then the joints stop. A target that is held stays held.
+    ///
+    /// # Errors
+    /// [`MissionError::Over`].
+    pub fn abort(&mut self, reason: &str) -> Result<(), MissionError> {
+        self.check_not_over()?;
+        self.abort_requested = true;
+        self.is_paused = false;
+        let reason = reason.to_owned();
+        self.stage = match std::mem::replace(&mut self.stage, Stage::Rest) {
+            Stage::Close(closing) => Stage::Close(closing.retreat(&self.config, Some(reason))),
+            Stage::Pull(pull) => Stage::Close(pull.retreat(&self.config, Some(reason))),
+            _ => self.stop(AfterStop::Abort(reason)),
+        };
+        Ok(())
+    }
+
+    fn check_not_over(&self) -> Result<(), MissionError> {
+        match self.phase() {
+            phase if phase.is_over() => Err(MissionError::Over(phase.name())),
+            _ => Ok(()),
+        }
+    }
+
+    /// Answers a sample.
+    ///
+    /// # Errors
+    /// [`MissionError::Sample`].
+    pub fn step(&mut self, sample: &Sample) -> Result<Command<'_>, MissionError> {
+        let n = self.model.dof();
+        let refuse = |problem| MissionError::Sample { joints: n, problem };
+        if sample.q.len() != n || sample.qd.len() != n {
+            return Err(refuse("another number of joints"));
+        }
+        let values = sample.q.iter().chain(sample.qd).chain(sample.w_B.iter());
+        let values = values.chain(sample.wheels.iter());
+        if !values.chain([&sample.time]).all(|x| x.is_finite()) {
+            return Err(refuse("a value is not finite"));
+        }
+        let Sample { time, q, qd, .. } = *sample;
+        self.wheels = sample.wheels;
+        let restarted = self.own.add(time, q, qd, &sample.w_B);
+        let before = self.last.replace(time);
+        let waits = matches!(self.stage, Stage::Observe | Stage::Plan(_)) && !self.is_paused;
+        if waits && let Some(before) = before {
+            self.waited += (time - before).clamp(0.0, LONGEST_PERIOD);
+        }
+        if before.is_none() {
+            self.reports = vec![PhaseReport::begin(Phase::Observe, time)];
+            self.hold_here();
+        } else if restarted {
+            self.track.clear();
+            self.relative.clear();
+        }
+        self.take_measurements(time);
+        self.couple = (Vector3::zeros(), Vector3::zeros());
+        let stage = std::mem::replace(&mut self.stage, Stage::Rest);
+        self.stage = match stage {
+            Stage::Observe => self.observe(time),
+            Stage::Plan(search) => self.search(time, search),
+            Stage::Approach { plan, planned } => self.approach(time, plan, planned),
+            Stage::Close(closing) => self.close_in(time, closing),
+            Stage::Pull(pull) => self.pull(time, pull),
+            Stage::Stop(spline, then) => self.come_to_rest(time, spline, then),
+            Stage::Detumble(detumbling) => self.detumble(time, detumbling),
+            Stage::Identify(identifying) => self.identify(time, identifying),
+            Stage::Rest => {
+                self.track_reference();
+                Stage::Rest
+            }
+        };
+        if !self.efforts.iter().all(|x| x.is_finite()) {
+            self.efforts.fill(0.0);
+        }
+        Ok(Command {
+            efforts: self.efforts.as_slice(),
+            couple: self.couple.0,
+            wheel_couple: self.couple.1,
+            gripper: self.gripper,
+        })
+    }
+
+    /// Ends the present phase and begins another.
+    fn enter(&mut self, time: f64, phase: Phase, outcome: &str) {
+        if let Some(report) = self.reports.last_mut() {
+            report.end = Some(time);
+            outcome.clone_into(&mut report.outcome);
+        }
+        self.skips = false;
+        let mut report = PhaseReport::begin(phase, time);
+        if phase.is_over() {
+            report.end = Some(time);
+            outcome.clone_into(&mut report.outcome);
+        }
+        self.reports.push(report);
+    }
+
+    /// The report of the present phase.
+    fn report(&mut self) -> &mut PhaseReport {
+        if self.reports.is_empty() {
+            self.reports.push(PhaseReport::begin(Phase::Observe, 0.0));
+        }
+        let last = self.reports.len() - 1;
+        &mut self.reports[last]
+    }
+
+    /// The robot holds the payload from now on, which is presumed, or identified.
+    fn take(&mut self, payload: RigidInertia, is_identified: bool) -> Result<(), InertiaError> {
+        let model = with_payload(&self.model, &self.tip, &payload)?;
+        let X_EG = self.held.as_ref().and_then(|held| held.X_EG);
+        self.held = Some(Held {
+            servo: JointServo::new(&model, self.config.joint_bandwidth),
+            workspace: Workspace::new(&model),
+            payload,
+            is_identified,
+            X_EG,
+        });
+        Ok(())
+    }
+}

@@ -1,0 +1,103 @@
+//! Phases of a mission, and what is reported of each.
+
+/// A phase.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// Watches the target until its motion can be predicted well enough.
+    Observe,
+    /// Searches for a rendezvous.
+    Plan,
+    /// Moves the arm to the rendezvous at a distance from the grasp frame.
+    Approach,
+    /// Closes in, grasps, and pulls to find out whether it holds.
+    Grasp,
+    /// Stops the rotation of robot and target.
+    Detumble,
+    /// Moves the arm and identifies the target's inertia.
+    Identify,
+    /// All phases have ended.
+    Done,
+    /// Ended early.
+    Aborted,
+}
+
+impl Phase {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Observe => "observe",
+            Self::Plan => "plan",
+            Self::Approach => "approach",
+            Self::Grasp => "grasp",
+            Self::Detumble => "detumble",
+            Self::Identify => "identify",
+            Self::Done => "done",
+            Self::Aborted => "aborted",
+        }
+    }
+
+    /// Whether the mission is over.
+    pub fn is_over(self) -> bool {
+        matches!(self, Self::Done | Self::Aborted)
+    }
+}
+
+/// A figure of a phase.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Figure {
+    /// What it is.
+    pub name: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// Its unit.
+    pub unit: &'static str,
+}
+
+/// What is reported of a phase.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PhaseReport {
+    /// The phase.
+    pub phase: Phase,
+    /// When it began \[s\].
+    pub start: f64,
+    /// When it ended \[s\]; `None` while it lasts.
+    pub end: Option<f64>,
+    /// How it ended, as a line; empty while it lasts.
+    pub outcome: String,
+    /// Figures.
+    pub figures: Vec<Figure>,
+}
+
+impl PhaseReport {
+    pub(super) fn begin(phase: Phase, start: f64) -> Self {
+        Self {
+            phase,
+            start,
+            end: None,
+            outcome: String::new(),
+            figures: Vec::new(),
+        }
+    }
+
+    /// Sets a figure.
+    pub(super) fn set(&mut self, name: &'static str, value: f64, unit: &'static str) {
+        match self.figures.iter_mut().find(|f| f.name == name) {
+            Some(figure) => figure.value = value,
+            None => self.figures.push(Figure { name, value, unit }),
+        }
+    }
+
+    /// The same, if it is larger than before.
+    pub(super) fn raise(&mut self, name: &'static str, value: f64, unit: &'static str) {
+        let before = self.figure(name).unwrap_or(f64::NEG_INFINITY);
+        if value > before {
+            self.set(name, value, unit);
+        }
+    }
+
+    /// A figure by name.
+    pub fn figure(&self, name: &str) -> Option<f64> {
+        let found = self.figures.iter().find(|f| f.name == name);
+        found.map(|f| f.value)
+    }
+}

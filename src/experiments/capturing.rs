@@ -1,0 +1,227 @@
+//! A capture mission with its camera and estimator, in one thread, without DDS.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::{EstimationLoop, GraspLoad};
+use crate::{
+    control::capture::{CaptureMission, Gripper, Sample},
+    model::{Frame, Model},
+    nodes::{
+        camera::{TargetCamera, camera_frame, pinhole},
+        dynamics::{FreeBody as _, World, imu},
+        geometry::{message_round_trip, vector_from_msg, with_matrix},
+        mission::forecast,
+        scenario::Scenario,
+        tip_frame,
+    },
+    ros::Time,
+    spatial::Pose,
+    vision::{FeatureFrame, PoseCamera, PoseFrame},
+};
+
+/// How long a couple on the base acts if no other one follows \[s\].
+const COUPLE_TIMEOUT: f64 = 0.5;
+
+/// A mission and what it observes with.
+pub struct Capturing {
+    mission: CaptureMission,
+    uses_services: bool,
+    camera: PoseCamera,
+    target_camera: TargetCamera,
+    estimator: EstimationLoop,
+    tip: Frame,
+    optical: Frame,
+    /// Index of the target, and the grasp frame in it.
+    target: usize,
+    X_TG: Pose,
+    /// Size and focal length of the camera's image \[px\].
+    pub(super) image: (u32, u32, f64),
+    features: Vec<FeatureFrame>,
+    predictions: Vec<crate::msg::nav_msgs::Path>,
+    gripper: Gripper,
+    pushes: bool,
+    load: GraspLoad,
+}
+
+/// The mission's answer to a state.
+pub struct CaptureAnswer<'a> {
+    /// Frames of features that the camera delivered.
+    pub feature_frames: &'a [FeatureFrame],
+    /// Predictions of the estimator.
+    pub predictions: &'a [crate::msg::nav_msgs::Path],
+    /// The mission.
+    pub mission: &'a CaptureMission,
+    /// The robot.
+    pub model: &'a Model,
+    /// Joint efforts that it commands.
+    pub efforts: Vec<f64>,
+    /// Couple on the base \[N m\], if it commands one.
+    pub couple: Option<Vector3<f64>>,
+}
+
+impl Capturing {
+    /// The mission of a scenario with the nodes camera, estimator and mission.
+    ///
+    /// # Errors
+    /// A line that names file, node and parameter.
+    pub fn new(scenario: &Scenario, world: &World) -> Result<Self, String> {
+        let at = |e: String| format!("{}: {e}", scenario.path().display());
+        let (camera, params) = (scenario.camera()?, scenario.mission()?);
+        let model = world.robot.model();
+        let tip = tip_frame(model, &params.tip_link)
+            .map_err(|e| at(format!("mission: parameter {e}")))?;
+        let missing = |what: &str| {
+            at(format!(
+                "camera: parameter {what} is not given; a mission needs it"
+            ))
+        };
+        let carrier = camera
+            .goal_target
+            .as_ref()
+            .ok_or_else(|| missing("goal.frame"))?;
+        let goal = camera
+            .goal
+            .as_ref()
+            .ok_or_else(|| missing("goal.position"))?;
+        let features = camera
+            .features
+            .as_ref()
+            .ok_or_else(|| missing("features.target"))?;
+        let target = world
+            .target_index(carrier)
+            .map_err(|e| at(format!("camera: parameter goal.frame: {e}")))?;
+        let optical = camera_frame(model).map_err(at)?.clone();
+        let R_BC = UnitQuaternion::from_rotation_matrix(&world.robot.X_BF(&optical).rotation);
+        Ok(Self {
+            mission: params
+                .mission(model, &tip)
+                .map_err(|e| at(format!("mission: {e}")))?,
+            uses_services: params.uses_services,
+            target_camera: TargetCamera::new(features),
+            estimator: EstimationLoop::new(
+                scenario.estimator()?,
+                pinhole(camera.image),
+                &model.frames()[0].name,
+                R_BC,
+            ),
+            X_TG: with_matrix(goal),
+            image: camera.image,
+            camera: PoseCamera::new(camera.quality),
+            tip,
+            optical,
+            target,
+            features: Vec::new(),
+            predictions: Vec::new(),
+            gripper: Gripper::Open,
+            pushes: false,
+            load: GraspLoad::default(),
+        })
+    }
+
+    /// The mission.
+    pub fn mission(&self) -> &CaptureMission {
+        &self.mission
+    }
+
+    /// Index of the target among those of the world.
+    pub fn target(&self) -> usize {
+        self.target
+    }
+
+    /// The load on the grasp.
+    pub fn load(&self) -> &GraspLoad {
+        &self.load
+    }
+
+    /// What camera, estimator and mission do with a state.
+    ///
+    /// # Errors
+    /// A line with the time.
+    pub fn answer(
+        &mut self,
+        world: &mut World,
+        frames: &mut Vec<PoseFrame>,
+    ) -> Result<CaptureAnswer<'_>, String> {
+        self.load.see(world, self.target, &self.tip);
+        let stamp = Time::from_secs_f64(world.time());
+        let time = stamp.as_secs_f64();
+        let at = |e: String| format!("at {time:.2} s: mission: {e}");
+        let base = world.robot.model().frames()[0].name.clone();
+        let imu = imu(stamp, &base, world);
+        let w_B = vector_from_msg(&imu.angular_velocity);
+        let X_WB = message_round_trip(&world.robot.X_WB());
+        let X_WT = message_round_trip(&world.targets[self.target].body.X_WB());
+        let X_BE = world.robot.X_BF(&self.tip);
+        self.camera
+            .show(time, &X_BE, Some(&(X_WB.inverse() * X_WT * self.X_TG)));
+        while let Some(frame) = self.camera.deliver(time) {
+            if let Some(X_BG) = &frame.X_BD {
+                self.mission
+                    .add_grasp_pose(frame.time, message_round_trip(X_BG));
+            }
+            frames.push(frame);
+        }
+        self.estimator.add_imu(&imu).map_err(at)?;
+        self.features.clear();
+        self.predictions.clear();
+        let X_WC = X_WB * world.robot.X_BF(&self.optical);
+        self.target_camera.show(time, &X_WC, &X_WT);
+        while let Some(frame) = self.target_camera.deliver(time) {
+            // A target that is held does not move freely any more.
+            if self.mission.payload().is_none()
+                && let Some(path) = self.estimator.add_frame(frame.clone())
+            {
+                self.mission.add_forecast(forecast(&path).map_err(at)?);
+                self.predictions.push(path);
+            }
+            self.features.push(frame);
+        }
+        let state = world.robot.state();
+        let (q, qd) = (state.q.clone(), state.qd.clone());
+        let sample = Sample {
+            time,
+            q: q.as_slice(),
+            qd: qd.as_slice(),
+            w_B,
+            wheels: Vector3::zeros(),
+        };
+        let command = self.mission.step(&sample).map_err(|e| at(e.to_string()))?;
+        let (efforts, couple) = (command.efforts.to_vec(), command.couple);
+        let gripper = command.gripper;
+        world.hold_efforts(efforts.iter().copied().enumerate());
+        let pushes = couple.norm() > 0.0;
+        let couple = (pushes || self.pushes).then_some(couple);
+        self.pushes = pushes;
+        if let Some(couple) = couple {
+            world.hold_couple(couple, COUPLE_TIMEOUT).map_err(at)?;
+        }
+        if gripper != self.gripper {
+            self.gripper = gripper;
+            self.follow_gripper(world);
+        }
+        Ok(CaptureAnswer {
+            feature_frames: &self.features,
+            predictions: &self.predictions,
+            mission: &self.mission,
+            model: self.mission.model(),
+            efforts,
+            couple,
+        })
+    }
+
+    /// Closes or opens the grasp, if it does not latch by itself.
+    fn follow_gripper(&mut self, world: &mut World) {
+        match self.gripper {
+            Gripper::Close if self.uses_services => {
+                let holds = world.attach().is_ok();
+                self.mission.set_grip(Some(holds));
+            }
+            Gripper::Close => {}
+            Gripper::Open => {
+                // Nothing is held if it fails.
+                let _ = world.detach();
+                self.mission.set_grip(None);
+            }
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! What the mission reads from messages, and its commands as messages.
+
+use crate::{
+    control::capture::{CaptureMission, Phase, RotationForecast},
+    model::Model,
+    msg::{
+        fuyu_msgs::{
+            MissionState,
+            capture::{Feedback, Outcome},
+        },
+        geometry_msgs::{self, WrenchStamped},
+        nav_msgs::Path,
+        sensor_msgs::JointState,
+        std_msgs::Header,
+    },
+    nodes::geometry::{unit_quaternion, vector_to_msg},
+    ros::Time,
+};
+use nalgebra::Vector3;
+
+/// The forecast that a message of `estimator/prediction` contains.
+///
+/// # Errors
+/// A line that says what is wrong.
+pub fn forecast(path: &Path) -> Result<RotationForecast, String> {
+    let time = |k: usize| Time::from(&path.poses[k].header.stamp).as_secs_f64();
+    if path.poses.len() < 3 {
+        return Err(format!(
+            "{} attitudes; at least 3 are needed",
+            path.poses.len()
+        ));
+    }
+    let (start, last) = (time(0), path.poses.len() - 1);
+    let period = (time(last) - start) / last as f64;
+    let is_even = |k: usize| (time(k) - start - period * k as f64).abs() < 1e-3 * period;
+    if !(period > 0.0 && (0..=last).all(is_even)) {
+        return Err("its stamps are not at equal intervals".to_owned());
+    }
+    let attitudes = path.poses.iter().map(|pose| {
+        let q = &pose.pose.orientation;
+        unit_quaternion(q.x, q.y, q.z, q.w)
+    });
+    Ok(RotationForecast {
+        start,
+        period,
+        attitudes: attitudes.collect::<Result<_, _>>()?,
+    })
+}
+
+/// Joint efforts as a message.
+pub fn efforts(model: &Model, header: Header, efforts: &[f64]) -> JointState {
+    JointState {
+        header,
+        name: model.joints().iter().map(|j| j.name.clone()).collect(),
+        effort: efforts.to_vec(),
+        ..JointState::default()
+    }
+}
+
+/// A couple on the base as a message; `header` names the base.
+pub fn couple(header: Header, couple: &Vector3<f64>) -> WrenchStamped {
+    WrenchStamped {
+        header,
+        wrench: geometry_msgs::Wrench {
+            torque: vector_to_msg(couple),
+            ..geometry_msgs::Wrench::default()
+        },
+    }
+}
+
+/// The mission's state as feedback.
+pub fn feedback(mission: &CaptureMission, header: Header) -> Feedback {
+    Feedback {
+        header,
+        phase: mission.phase().name().to_owned(),
+        progress: mission.progress(),
+        waits_for: mission.waits_for().to_owned(),
+        is_held: mission.is_paused(),
+    }
+}
+
+/// The mission's state, with its phases so far.
+pub fn state(mission: &CaptureMission, header: Header) -> MissionState {
+    let now = Time::from(&header.stamp).as_secs_f64();
+    let mut state = MissionState {
+        header,
+        phase: mission.phase().name().to_owned(),
+        progress: mission.progress(),
+        waits_for: mission.waits_for().to_owned(),
+        is_held: mission.is_paused(),
+        ..MissionState::default()
+    };
+    for (phase, report) in (0..).zip(mission.reports()) {
+        state.phase_name.push(report.phase.name().to_owned());
+        state.phase_start.push(report.start);
+        state.phase_end.push(report.end.unwrap_or(now));
+        state.outcome.push(report.outcome.clone());
+        for figure in report.figures.iter().filter(|f| f.value.is_finite()) {
+            state.figure_phase.push(phase);
+            state.figure_name.push(figure.name.to_owned());
+            state.figure_value.push(figure.value);
+            state.figure_unit.push(figure.unit.to_owned());
+        }
+    }
+    state
+}
+
+/// Decides when the state is published: every 0.2 s, and when a phase begins.
+#[derive(Debug, Default)]
+pub struct StateTimer {
+    next: f64,
+    phases: usize,
+}
+
+/// Simulated time between two states of a mission on its topic \[s\].
+pub const STATE_PERIOD: f64 = 0.2;
+
+impl StateTimer {
+    /// Whether the state at `time` \[s\] is to be published.
+    pub fn is_due(&mut self, mission: &CaptureMission, time: f64) -> bool {
+        let phases = mission.reports().len();
+        let is_due = phases != self.phases || time >= self.next - 1e-9;
+        if is_due {
+            (self.next, self.phases) = (time + STATE_PERIOD, phases);
+        }
+        is_due
+    }
+}
+
+/// How a mission ended.
+pub fn outcome(mission: &CaptureMission) -> Outcome {
+    let reports = mission.reports();
+    let (last, phases) = match reports.split_last() {
+        Some((last, phases)) => (Some(last), phases),
+        None => (None, reports),
+    };
+    let payload = mission.payload().filter(|_| mission.is_identified());
+    Outcome {
+        captured: mission.phase() == Phase::Done,
+        reason: last.map_or_else(String::new, |last| last.outcome.clone()),
+        mass: payload.map_or(0.0, |payload| payload.mass),
+        phases: phases.iter().map(|r| r.phase.name().to_owned()).collect(),
+        durations: (phases.iter())
+            .map(|r| r.end.unwrap_or(r.start) - r.start)
+            .collect(),
+    }
+}

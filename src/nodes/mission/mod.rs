@@ -1,0 +1,335 @@
+//! The mission node: captures a target that the estimator observes.
+//!
+//! It feeds a [`CaptureMission`] with joint states, gyro, measured poses of the grasp frame and the estimator's
+//! prediction, and answers every state with joint efforts, and with a couple on the base while it detumbles. It
+//! subscribes to nothing under `ground_truth/`. The couple goes out on `wrench`: it stands for thrusters, which a robot that
+//! grasps in a scenario cannot have yet.
+//!
+//! A mission begins by the action `capture`, or by itself with `autostart`; the process of one that began by itself and was
+//! aborted by rule exits with 1. The services `~/hold`, `~/resume`, `~/skip`
+//! and `~/abort` (`std_srvs/Trigger`) are the operator's.
+
+mod gripper;
+mod messages;
+mod operator;
+mod params;
+
+pub use messages::{StateTimer, couple, efforts, forecast, state};
+pub use params::MissionParams;
+
+use std::time::Duration;
+
+use nalgebra::Vector3;
+
+use super::{
+    geometry::{pose_from_msg, vector_from_msg, with_matrix},
+    joint_vectors,
+    robot_description::{Robot, RobotDescription},
+    topics,
+};
+use crate::{
+    control::{
+        StampPairs,
+        capture::{CaptureMission, Sample},
+    },
+    msg::{
+        fuyu_msgs::{
+            MissionState,
+            capture::{Capture, Outcome},
+        },
+        geometry_msgs::{PoseStamped, WrenchStamped},
+        nav_msgs::Path,
+        sensor_msgs::{Imu, JointState},
+        std_msgs::Header,
+    },
+    ros::{
+        ActionServer, Goal, Node, NodeError, Publisher, Status, Subscription, Time,
+        publish_together,
+    },
+};
+use gripper::GripperServices;
+use operator::Operator;
+
+/// Longest wait before goals and calls are looked at.
+const PATIENCE: Duration = Duration::from_millis(100);
+/// Queue length for inputs of which none may be lost.
+const QUEUE: usize = 100;
+
+/// The node's program.
+///
+/// # Errors
+/// For wrong parameters, or when DDS refuses.
+pub fn program(node: &Node) -> Result<(), NodeError> {
+    let mut declare = node.declare();
+    let params = MissionParams::declare(&mut declare);
+    declare.finish()?;
+    let input = |e: String| NodeError::Input(format!("node {}: {e}", node.name()));
+    let params = params.map_err(input)?;
+    let mut description = RobotDescription::new(node, params.tip_link.clone())?;
+    let mut work = Work::new(node, params)?;
+    let Some(robot) = description.wait(node) else {
+        return Ok(());
+    };
+    // Refuses settings that do not fit the robot at once.
+    work.params
+        .mission(&robot.model, &robot.tip)
+        .map_err(input)?;
+    work.robot = Some(robot);
+    while node.wait_for(PATIENCE) {
+        if let Some(robot) = description.changed() {
+            work.abort("the robot has changed");
+            work.robot = Some(robot);
+            work.mission = None;
+        }
+        work.take_goals();
+        work.operator.follow(work.mission.as_mut());
+        work.turn();
+    }
+    work.verdict()
+}
+
+struct Work {
+    params: MissionParams,
+    joint_states: Subscription<JointState>,
+    imu: Subscription<Imu>,
+    grasp_poses: Subscription<PoseStamped>,
+    predictions: Subscription<Path>,
+    commands: Publisher<JointState>,
+    wrench: Publisher<WrenchStamped>,
+    mission_state: Publisher<MissionState>,
+    action: ActionServer<Capture>,
+    operator: Operator,
+    gripper: Option<GripperServices>,
+    status: Status,
+    states: StampPairs<Time, JointState, Imu>,
+    robot: Option<Robot>,
+    mission: Option<CaptureMission>,
+    goal: Option<Goal<Capture>>,
+    /// Whether the mission that begins by itself has begun.
+    has_begun: bool,
+    pushes: bool,
+    timer: StateTimer,
+    reported: usize,
+}
+
+impl Work {
+    fn new(node: &Node, params: MissionParams) -> Result<Self, NodeError> {
+        let status = node.diagnostics().status("mission");
+        status.ok("no mission has begun");
+        Ok(Self {
+            joint_states: topics::JOINT_STATES.subscribe_deep(node, QUEUE)?,
+            imu: topics::IMU.subscribe_deep(node, QUEUE)?,
+            grasp_poses: topics::MEASURED_GOAL.subscribe_deep(node, QUEUE)?,
+            predictions: topics::PREDICTION.subscribe(node)?,
+            commands: topics::JOINT_COMMANDS.advertise(node)?,
+            wrench: topics::WRENCH.advertise(node)?,
+            mission_state: topics::MISSION_STATE.advertise(node)?,
+            action: ActionServer::with_requests(node, "capture")?,
+            operator: Operator::new(node)?,
+            gripper: match params.uses_services {
+                true => Some(GripperServices::new(node)?),
+                false => None,
+            },
+            status,
+            states: StampPairs::default(),
+            robot: None,
+            mission: None,
+            goal: None,
+            has_begun: false,
+            pushes: false,
+            timer: StateTimer::default(),
+            reported: 0,
+            params,
+        })
+    }
+
+    /// Accepts a goal if none is being executed. It follows the mission that is under way, or begins one.
+    fn take_goals(&mut self) {
+        while let Some(request) = self.action.take_request() {
+            if self.goal.is_some() || self.robot.is_none() {
+                tracing::warn!("capture: refused, another goal is being executed");
+                request.reject();
+                continue;
+            }
+            if self.mission.as_ref().is_some_and(|m| m.phase().is_over()) {
+                self.mission = None;
+            }
+            self.goal = request.accept();
+        }
+        if let (Some(goal), Some(mission)) = (&self.goal, &mut self.mission)
+            && goal.is_canceling()
+        {
+            // One that is over ends its goal below.
+            let _ = mission.abort("cancelled by the client");
+        }
+    }
+
+    fn abort(&mut self, reason: &str) {
+        if let Some(goal) = self.goal.take() {
+            goal.abort(Outcome {
+                reason: reason.to_owned(),
+                ..Outcome::default()
+            });
+        }
+    }
+
+    /// Takes what has arrived, and answers the states.
+    fn turn(&mut self) {
+        while let Some(received) = self.joint_states.take() {
+            let stamp = Time::from(&received.message.header.stamp);
+            self.states.push_first(stamp, received.message);
+        }
+        while let Some(received) = self.imu.take() {
+            let stamp = Time::from(&received.message.header.stamp);
+            self.states.push_second(stamp, received.message);
+        }
+        let is_wanted = self.goal.is_some() || (self.params.autostart && !self.has_begun);
+        if self.mission.is_none()
+            && is_wanted
+            && let Some(robot) = &self.robot
+        {
+            match self.params.mission(&robot.model, &robot.tip) {
+                Ok(mission) => {
+                    self.mission = Some(mission);
+                    self.has_begun = true;
+                    self.reported = 0;
+                    self.timer = StateTimer::default();
+                }
+                Err(problem) => self.abort(&problem),
+            }
+        }
+        self.take_measurements();
+        while let Some((stamp, joints, imu)) = self.states.pop() {
+            if let Err(problem) = self.answer(stamp, &joints, &imu) {
+                self.status.warn(problem);
+            }
+        }
+    }
+
+    fn take_measurements(&mut self) {
+        while let Some(received) = self.grasp_poses.take() {
+            let time = Time::from(&received.message.header.stamp).as_secs_f64();
+            match (pose_from_msg(&received.message.pose), &mut self.mission) {
+                (Ok(pose), Some(mission)) => mission.add_grasp_pose(time, with_matrix(&pose)),
+                (Ok(_), None) => {}
+                (Err(e), _) => self
+                    .status
+                    .warn(format!("{}: {e}", self.grasp_poses.topic())),
+            }
+        }
+        while let Some(received) = self.predictions.take() {
+            match (forecast(&received.message), &mut self.mission) {
+                (Ok(forecast), Some(mission)) => mission.add_forecast(forecast),
+                (Ok(_), None) => {}
+                (Err(e), _) => self
+                    .status
+                    .warn(format!("{}: {e}", self.predictions.topic())),
+            }
+        }
+    }
+
+    /// Answers a state.
+    fn answer(&mut self, stamp: Time, joints: &JointState, imu: &Imu) -> Result<(), String> {
+        let (Some(robot), Some(mission)) = (&self.robot, &mut self.mission) else {
+            return Ok(());
+        };
+        let model = &robot.model;
+        let at = |e: String| format!("joint_states: {e}");
+        let q = joint_vectors::positions(model, joints).map_err(at)?;
+        let qd = joint_vectors::velocities(model, joints).map_err(at)?;
+        let sample = Sample {
+            time: stamp.as_secs_f64(),
+            q: q.as_slice(),
+            qd: qd.as_slice(),
+            w_B: vector_from_msg(&imu.angular_velocity),
+            wheels: Vector3::zeros(),
+        };
+        let command = mission.step(&sample).map_err(|e| e.to_string())?;
+        let header = Header {
+            stamp: stamp.into(),
+            frame_id: model.frames()[0].name.clone(),
+        };
+        let pushes = command.couple.norm() > 0.0;
+        let couple =
+            (pushes || self.pushes).then(|| messages::couple(header.clone(), &command.couple));
+        let efforts = messages::efforts(model, header.clone(), command.efforts);
+        let wanted = command.gripper;
+        self.pushes = pushes;
+        publish_together(|| {
+            // The couple first: efforts let time go on in lockstep.
+            if let Some(couple) = &couple {
+                self.wrench.publish(couple);
+            }
+            self.commands.publish(&efforts);
+        });
+        if let Some(gripper) = &mut self.gripper {
+            mission.set_grip(gripper.follow(wanted));
+        }
+        if self.timer.is_due(mission, sample.time) {
+            (self.mission_state).publish(&messages::state(mission, header.clone()));
+            if let Some(goal) = &self.goal {
+                goal.feedback(messages::feedback(mission, header));
+            }
+            let phase = mission.phase().name();
+            self.status.set("phase", phase);
+            self.status
+                .set("progress", format!("{:.2}", mission.progress()));
+            match mission.waits_for() {
+                "" => self.status.ok(phase.to_owned()),
+                reason => self.status.ok(format!("{phase}: waits, {reason}")),
+            }
+        }
+        self.report();
+        Ok(())
+    }
+
+    /// Fails if the mission that began by itself was aborted by rule.
+    fn verdict(&self) -> Result<(), NodeError> {
+        let mission = self.mission.as_ref().filter(|_| self.params.autostart);
+        let mission = mission.filter(|mission| !mission.is_aborted_on_request());
+        match mission.and_then(CaptureMission::abort_reason) {
+            Some(reason) => Err(NodeError::Failed(format!(
+                "the mission was aborted: {reason}"
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// Logs phases that have ended, and ends the goal with the mission.
+    fn report(&mut self) {
+        let Some(mission) = &self.mission else {
+            return;
+        };
+        let ended = mission.reports().iter().filter(|r| r.end.is_some());
+        for report in ended.skip(self.reported) {
+            self.reported += 1;
+            let figures = report.figures.iter();
+            let figures: Vec<_> = figures
+                .map(|f| {
+                    format!("{} {:.4} {}", f.name, f.value, f.unit)
+                        .trim_end()
+                        .to_owned()
+                })
+                .collect();
+            tracing::info!(
+                "{} from {:.1} s to {:.1} s: {}; {}",
+                report.phase.name(),
+                report.start,
+                report.end.unwrap_or(report.start),
+                report.outcome,
+                figures.join(", ")
+            );
+        }
+        if !mission.phase().is_over() {
+            return;
+        }
+        let outcome = messages::outcome(mission);
+        if let Some(goal) = self.goal.take() {
+            match (outcome.captured, goal.is_canceling()) {
+                (true, _) => goal.succeed(outcome),
+                (false, true) => goal.canceled(outcome),
+                (false, false) => goal.abort(outcome),
+            }
+        }
+    }
+}

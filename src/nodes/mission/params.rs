@@ -1,0 +1,395 @@
+//! Parameters of the mission node.
+
+use nalgebra::Vector3;
+
+use crate::{
+    control::capture::{
+        CaptureConfig, CaptureMission, ClearanceConfig, DetumbleLimits, JointLimitsShare,
+        Objective, TipLaw, TrackConfig,
+    },
+    model::{Frame, Model},
+    nodes::{
+        camera::camera_frame,
+        choice,
+        named_lists::declare_each,
+        placement::{declare_orientation, declare_vector},
+        tip::declare_tip_link,
+    },
+    ros::Declare,
+    spatial::Pose,
+};
+
+/// Parameters of the mission node, read at the start.
+#[derive(Debug, Clone)]
+pub struct MissionParams {
+    /// Link whose frame is the tip.
+    pub tip_link: String,
+    /// Whether a mission begins by itself.
+    pub autostart: bool,
+    /// Whether the grasp is closed and opened by the services `attach` and `detach` of the dynamics node; otherwise it
+    /// latches by itself, and the arm pulls to find out whether it holds.
+    pub uses_services: bool,
+    /// Settings of a mission.
+    pub config: CaptureConfig,
+}
+
+/// Laws of the tip by name.
+const TIP_LAWS: [(&str, bool); 2] = [("impedance", true), ("transpose", false)];
+
+/// Declares the pose of a grasp frame in the measured frame, and reads it.
+fn declare_grasp_frame(declare: &mut Declare, name: String) -> Result<Pose, String> {
+    let position = declare_vector(
+        declare,
+        &format!("{name}.position"),
+        "Position of the grasp frame in the frame that the camera measures [m]",
+    );
+    let rotation = declare_orientation(
+        declare,
+        &format!("{name}.orientation"),
+        "Attitude of the grasp frame in the frame that the camera measures (x, y, z, w)",
+    )?;
+    Ok(Pose::from_parts(
+        position.into(),
+        rotation.to_rotation_matrix(),
+    ))
+}
+
+impl MissionParams {
+    /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
+    ///
+    /// # Errors
+    /// A line that names the parameter.
+    pub fn declare(declare: &mut Declare) -> Result<Self, String> {
+        let tip_link = declare_tip_link(declare);
+        let default = CaptureConfig::default();
+        let objective = choice::declare(
+            declare,
+            "objective",
+            &Objective::NAMES,
+            "What the approach minimises",
+        );
+        let objective = objective.read_only().value();
+        let tip_law = choice::declare(
+            declare,
+            "tip_law",
+            &TIP_LAWS,
+            "Law of the tip in the final approach",
+        );
+        let is_impedance = choice::find(&TIP_LAWS, &tip_law.read_only().value()).unwrap_or(true);
+        let mut flag = |name: &str, default: bool, text: &str| {
+            declare.param(name, default, text).read_only().value()
+        };
+        let autostart = flag("autostart", false, "Whether a mission begins by itself");
+        let uses_services = flag(
+            "gripper_services",
+            false,
+            "Whether the grasp is closed and opened by the dynamics node's attach and detach; otherwise it latches by itself",
+        );
+        let grasps = declare_each(
+            declare,
+            "grasp_frames",
+            "Names of the grasp frames of the target to choose from; without any, the measured frame is the only one",
+            declare_grasp_frame,
+        );
+        let mut list = |name: &str, default: &[f64], text: &str| -> Vec<f64> {
+            let parameter = declare.param(name, default.to_vec(), text);
+            parameter.range(-1e3, 1e3).read_only().value()
+        };
+        let axis = list(
+            "approach_axis",
+            default.approach_axis.as_slice(),
+            "Direction of the final approach in the grasp frame",
+        );
+        let axis = <[f64; 3]>::try_from(axis.as_slice())
+            .map_err(|_| format!("parameter approach_axis has {} values; give 3", axis.len()));
+        let approach_times = list(
+            "approach_times",
+            &default.approach_times,
+            "Durations of the approach to choose from [s]",
+        );
+        let excitation = list(
+            "excitation",
+            &default.excitation,
+            "Amplitudes of the joints in the identification [rad or m]; one value is for the last three joints, an eighth of it for the others; the limits at the grasp may make all smaller, or twice as large",
+        );
+        let mut number = |name: &str, default: f64, text: &str| {
+            let parameter = declare.param(name, default, text).range(0.0, 1e6);
+            parameter.read_only().value()
+        };
+        let frequency = number(
+            "tip_frequency",
+            2.0,
+            "Natural frequency of the tip's impedance [rad/s]",
+        );
+        let damping = number("tip_damping", 1.0, "Damping ratio of the tip's impedance");
+        let stiffness = (
+            number(
+                "tip_stiffness",
+                400.0,
+                "Stiffness of the transpose law [N/m]",
+            ),
+            number(
+                "tip_angular_stiffness",
+                100.0,
+                "Angular stiffness of the transpose law [N m/rad]",
+            ),
+        );
+        let transpose_damping = (
+            number("tip_damper", 400.0, "Damping of the transpose law [N s/m]"),
+            number(
+                "tip_angular_damper",
+                50.0,
+                "Angular damping of the transpose law [N m s/rad]",
+            ),
+        );
+        let d = &default;
+        let config = CaptureConfig {
+            track: TrackConfig {
+                position_noise: number(
+                    "position_noise",
+                    d.track.position_noise,
+                    "Standard deviation of each coordinate of a measured grasp position [m]",
+                ),
+                attitude_noise: number(
+                    "attitude_noise",
+                    d.track.attitude_noise,
+                    "Standard deviation of each component of a measured grasp attitude [rad]",
+                ),
+                window: number(
+                    "track_window",
+                    d.track.window,
+                    "Longest time over which measured poses are used [s]",
+                ),
+            },
+            observe_time: number("observe_time", d.observe_time, "Shortest observation [s]"),
+            observe_timeout: number(
+                "observe_timeout",
+                d.observe_timeout,
+                "Time after which a mission that has not begun its approach is aborted [s]",
+            ),
+            position_limit: number(
+                "position_limit",
+                d.position_limit,
+                "Largest standard deviation of the predicted grasp position [m]",
+            ),
+            attitude_limit: number(
+                "attitude_limit",
+                d.attitude_limit,
+                "Largest standard deviation of the predicted grasp attitude [rad]",
+            ),
+            approach_times,
+            objective: choice::find(&Objective::NAMES, &objective).unwrap_or_default(),
+            standoff: number(
+                "standoff",
+                d.standoff,
+                "Distance from the grasp frame at which the approach ends [m]",
+            ),
+            grasps: d.grasps.clone(),
+            approach_axis: d.approach_axis,
+            final_time: number(
+                "final_time",
+                d.final_time,
+                "Duration of the final approach [s]",
+            ),
+            replan_period: number(
+                "replan_period",
+                d.replan_period,
+                "Time between two plans on the way [s]",
+            ),
+            clearance: ClearanceConfig {
+                link_radius: number(
+                    "link_radius",
+                    d.clearance.link_radius,
+                    "Radius of the capsules around the links [m]",
+                ),
+                base_radius: number(
+                    "base_radius",
+                    d.clearance.base_radius,
+                    "Radius of the sphere around the base [m]",
+                ),
+                keep_out: number(
+                    "keep_out",
+                    d.clearance.keep_out,
+                    "Radius of the sphere around the target's centre of mass that the approach avoids [m]",
+                ),
+                margin: number(
+                    "margin",
+                    d.clearance.margin,
+                    "Least distance between parts of the robot [m]",
+                ),
+            },
+            limits: JointLimitsShare {
+                velocity: number(
+                    "velocity_share",
+                    d.limits.velocity,
+                    "Share of the joints' velocity limits that plans use",
+                ),
+                default_velocity: number(
+                    "default_velocity",
+                    d.limits.default_velocity,
+                    "Largest rate of joints without a velocity limit [rad/s or m/s]",
+                ),
+                acceleration: number(
+                    "acceleration",
+                    d.limits.acceleration,
+                    "Largest acceleration of joints in plans [rad/s2 or m/s2]",
+                ),
+                effort: number(
+                    "effort_share",
+                    d.limits.effort,
+                    "Share of the joints' effort limits that plans use",
+                ),
+            },
+            tip_law: match is_impedance {
+                true => TipLaw::Impedance { frequency, damping },
+                false => TipLaw::Transpose {
+                    stiffness,
+                    damping: transpose_damping,
+                },
+            },
+            joint_bandwidth: number(
+                "joint_bandwidth",
+                d.joint_bandwidth,
+                "Natural frequency of the joints' servo [rad/s]",
+            ),
+            lost_timeout: number(
+                "lost_timeout",
+                d.lost_timeout,
+                "Time without a measured pose after which the target is lost [s]",
+            ),
+            close_within: (
+                number(
+                    "close_distance",
+                    d.close_within.0,
+                    "Distance from the predicted grasp frame at which the gripper closes [m]",
+                ),
+                number(
+                    "close_angle",
+                    d.close_within.1,
+                    "Angle from the predicted grasp frame at which the gripper closes [rad]",
+                ),
+            ),
+            close_timeout: number(
+                "close_timeout",
+                d.close_timeout,
+                "Longest time at the grasp frame before the gripper closes [s]",
+            ),
+            pull: number(
+                "pull",
+                d.pull,
+                "How far the arm pulls to find out whether it holds the target [m]",
+            ),
+            attempts: number("attempts", f64::from(d.attempts), "Attempts to grasp") as u32,
+            slip: (
+                number(
+                    "slip_distance",
+                    d.slip.0,
+                    "Motion in the grasp that counts as slip [m]",
+                ),
+                number(
+                    "slip_angle",
+                    d.slip.1,
+                    "Turn in the grasp that counts as slip [rad]",
+                ),
+            ),
+            heaviest: (
+                number(
+                    "heaviest_mass",
+                    d.heaviest.0,
+                    "Mass of the heaviest target, for which the first excitation is sized [kg]",
+                ),
+                number(
+                    "heaviest_gyration",
+                    d.heaviest.1,
+                    "Radius of gyration of the heaviest target [m]",
+                ),
+            ),
+            presumed: (
+                number(
+                    "presumed_mass",
+                    d.presumed.0,
+                    "Mass of the target until it is identified [kg]",
+                ),
+                number(
+                    "presumed_gyration",
+                    d.presumed.1,
+                    "Radius of gyration of the target until it is identified [m]",
+                ),
+            ),
+            settle_time: number(
+                "settle_time",
+                d.settle_time,
+                "Time in which the joints come to rest after the grasp [s]",
+            ),
+            detumble: DetumbleLimits {
+                couple: number(
+                    "couple",
+                    d.detumble.couple,
+                    "Largest couple of the thrusters on the base [N m]",
+                ),
+                grasp_force: number(
+                    "grasp_force",
+                    d.detumble.grasp_force,
+                    "Largest force at the grasp while detumbling [N]",
+                ),
+                grasp_torque: number(
+                    "grasp_torque",
+                    d.detumble.grasp_torque,
+                    "Largest torque at the grasp while detumbling [N m]",
+                ),
+                wheels: None,
+            },
+            final_rate: number(
+                "final_rate",
+                d.final_rate,
+                "Angular velocity of the base below which the stack has stopped [rad/s]",
+            ),
+            detumble_timeout: number(
+                "detumble_timeout",
+                d.detumble_timeout,
+                "Time after which detumbling is aborted [s]",
+            ),
+            excitation_time: number(
+                "excitation_time",
+                d.excitation_time,
+                "Duration of each of the two excitations [s]",
+            ),
+            excitation,
+            gyro_noise: number(
+                "gyro_noise",
+                d.gyro_noise,
+                "Standard deviation of the gyro's noise [rad/s]",
+            ),
+            condition_limit: number(
+                "condition_limit",
+                d.condition_limit,
+                "Largest condition number with which an identification is accepted",
+            ),
+        };
+        // After all declarations, so that no parameter is reported as unknown.
+        let grasps: Vec<_> = grasps?.into_iter().collect::<Result<_, String>>()?;
+        let mut config = CaptureConfig {
+            approach_axis: Vector3::from(axis?),
+            ..config
+        };
+        if !grasps.is_empty() {
+            config.grasps = grasps;
+        }
+        Ok(Self {
+            tip_link,
+            autostart,
+            uses_services,
+            config,
+        })
+    }
+
+    /// A mission of a robot.
+    ///
+    /// # Errors
+    /// A line that names the parameter, or the link that the robot lacks.
+    pub fn mission(&self, model: &Model, tip: &Frame) -> Result<CaptureMission, String> {
+        let camera = camera_frame(model)?;
+        CaptureMission::new(model, tip, camera, self.config.clone())
+            .map_err(|e| format!("parameter {e}"))
+    }
+}

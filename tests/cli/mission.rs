@@ -1,0 +1,107 @@
+//! `config/capture.yaml` in `fuyu simulate`: a whole mission with the estimator in the loop.
+
+use serde_json::Value;
+
+use super::fuyu::fuyu;
+
+fn phase<'a>(run: &'a Value, name: &str) -> &'a Value {
+    let phases = run["mission"]["phases"].as_array().unwrap();
+    let found = phases.iter().find(|phase| phase["phase"] == name);
+    found.unwrap_or_else(|| panic!("no phase {name}: {}", run["mission"]))
+}
+
+fn figure(phase: &Value, name: &str) -> f64 {
+    phase["figures"][name]
+        .as_f64()
+        .unwrap_or_else(|| panic!("{name}: {phase}"))
+}
+
+#[test]
+fn the_mission_captures_stops_and_identifies_its_target() {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("capture");
+    let bag = bag.to_str().unwrap();
+    let run = fuyu(&["simulate", "config/capture.yaml", "--json", "--output", bag]).json();
+    assert_eq!(run["mission"]["captured"], true);
+    phase(&run, "done");
+    let identify = phase(&run, "identify");
+    // The client has 300 kg.
+    let mass = figure(identify, "mass");
+    assert!((mass / 300.0 - 1.0).abs() < 0.01, "{mass}");
+    assert_eq!(figure(identify, "rank"), 13.0);
+    assert!(figure(phase(&run, "detumble"), "angular velocity after") < 0.05_f64.to_radians());
+    let events = run["events"].as_array().unwrap();
+    assert!(
+        events
+            .iter()
+            .any(|e| e["what"].as_str().unwrap().contains("holds client"))
+    );
+    // What is left of the truth: base and target turn together, slowly.
+    let w = |value: &Value| {
+        let w: Vec<f64> = serde_json::from_value(value.clone()).unwrap();
+        w.iter().map(|x| x * x).sum::<f64>().sqrt()
+    };
+    assert!(w(&run["final"]["base_angular_velocity"]) < 0.05_f64.to_radians());
+    assert!(w(&run["final"]["targets"]["client"]["angular_velocity"]) < 0.05_f64.to_radians());
+    // The recording tells the same of each phase.
+    let check = fuyu(&["bag", "check", bag, "--json"]).json();
+    let checks = check["checks"].as_array().unwrap();
+    let verdict = |name: &str| {
+        let found = checks.iter().find(|check| check["name"] == name);
+        found.map_or("missing", |check| check["verdict"].as_str().unwrap())
+    };
+    for name in [
+        "observe", "plan", "approach", "grasp", "detumble", "identify",
+    ] {
+        assert_eq!(verdict(&format!("mission, {name}")), "noted", "{check}");
+    }
+    for name in ["mission", "rate after detumbling", "angular momentum"] {
+        assert_eq!(verdict(name), "passed", "{name}: {check}");
+    }
+    assert_eq!(check["passed"], true, "{check}");
+    let plotted = fuyu(&["bag", "plot", bag]);
+    assert!(plotted.stdout.contains("mission.png"), "{}", plotted.stdout);
+    // The same to the bit.
+    let short = [
+        "simulate",
+        "config/capture.yaml",
+        "--json",
+        "--duration",
+        "30",
+    ];
+    let [first, second] = [(); 2].map(|()| fuyu(&short).json());
+    assert_eq!(first["final"], second["final"]);
+}
+
+#[test]
+fn a_mission_without_what_it_needs_is_refused() {
+    let text = include_str!("../../config/capture.yaml");
+    let folder = tempfile::tempdir().unwrap();
+    for (from, to, expected) in [
+        (
+            "    goal:\n      frame: client\n",
+            "    goal:\n",
+            "camera: parameter goal.frame is not given; a mission needs it",
+        ),
+        (
+            "    autostart: true\n",
+            "    autostart: true\n    standoff: 0.0\n",
+            "parameter standoff is 0; it must be positive and finite",
+        ),
+        (
+            "    autostart: true\n",
+            "    autostart: true\n    approach_axis: [1.0, 0.0]\n",
+            "parameter approach_axis has 2 values; give 3",
+        ),
+        (
+            "mission:\n",
+            "controller:\n  ros__parameters:\n    tip_link: tool0\nmission:\n",
+            "/controller commands the same joints; name one of the two",
+        ),
+    ] {
+        let path = folder.path().join("capture.yaml");
+        std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
+        let run = fuyu(&["simulate", path.to_str().unwrap()]);
+        assert!(run.refusal().contains(expected), "{}", run.refusal());
+    }
+}

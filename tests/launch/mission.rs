@@ -1,0 +1,107 @@
+//! A capture mission over DDS, with an operator in rclpy who holds, resumes and aborts.
+
+use fuyu::msg::{fuyu_msgs::MissionState, sensor_msgs::JointState};
+use serde_json::{Value, json};
+
+use crate::{
+    observer::{JOINT_STATE, fresh, numbers},
+    peer::Peer,
+    process::{Running, read, source},
+    waiting::{PATIENCE, eventually},
+};
+
+const DOMAIN: u16 = 162;
+
+/// Calls a service of the mission node: whether it did what was asked, and what it says.
+fn call(peer: &mut Peer, service: &str) -> (bool, String) {
+    let answer = peer.does(json!({
+        "do": "call", "service": format!("mission/{service}"), "type": "std_srvs/srv/Trigger", "request": {},
+    }));
+    let response: &Value = &answer["response"];
+    let success = response["success"].as_bool();
+    let message = response["message"].as_str();
+    (
+        success.unwrap_or_else(|| panic!("{answer}")),
+        message.unwrap_or_else(|| panic!("{answer}")).to_owned(),
+    )
+}
+
+/// Waits until the mission is in `phase`. Resuming a mission that is not held changes nothing, and says the phase.
+fn reach(peer: &mut Peer, phase: &str) {
+    let mut said = String::new();
+    eventually(&format!("phase {phase}"), 5 * PATIENCE, || {
+        let (_, message) = call(peer, "resume");
+        if message != said {
+            println!("{message}");
+            said.clone_from(&message);
+        }
+        assert!(!message.contains("is over"), "{message}");
+        message.ends_with(&format!("phase {phase}")).then_some(())
+    });
+}
+
+/// Largest joint rate of a fresh state \[rad/s\].
+fn largest_rate(peer: &mut Peer) -> Option<f64> {
+    let state = fresh(peer, "joint_states", 1).pop()?;
+    let rates = numbers(&state["velocity"]);
+    Some(rates.iter().fold(0.0, |most, rate| rate.abs().max(most)))
+}
+
+// Fails if the arm moved on while it is held, if it did not go on afterwards, if the approach could be skipped, or if an
+// aborted mission left the arm moving.
+#[test]
+fn an_operator_holds_resumes_and_aborts() {
+    let mut launch = Running::launch(DOMAIN, &source("config/capture.yaml"), &[]);
+    let mut peer = Peer::start("operator", DOMAIN);
+    peer.subscribe("joint_states", JOINT_STATE, "reliable");
+    reach(&mut peer, "approach");
+    let (skipped, reason) = call(&mut peer, "skip");
+    assert!(!skipped && reason.contains("approach"), "{reason}");
+    let (held, said) = call(&mut peer, "hold");
+    assert!(held, "{said}");
+    eventually("the arm has stopped", PATIENCE, || {
+        (largest_rate(&mut peer)? < 2e-3).then_some(())
+    });
+    let (resumed, said) = call(&mut peer, "resume");
+    assert!(resumed, "{said}");
+    reach(&mut peer, "approach");
+    eventually("the arm moves again", PATIENCE, || {
+        (largest_rate(&mut peer)? > 5e-3).then_some(())
+    });
+    let (aborted, said) = call(&mut peer, "abort");
+    assert!(aborted, "{said}");
+    let said = eventually("the mission is over", PATIENCE, || {
+        let (held, said) = call(&mut peer, "hold");
+        (!held).then_some(said)
+    });
+    assert_eq!(said, "the mission is over: aborted");
+    eventually("the arm rests", PATIENCE, || {
+        (largest_rate(&mut peer)? < 2e-3).then_some(())
+    });
+    let ended = launch.interrupt();
+    assert!(
+        ended.stderr.contains("aborted by the operator"),
+        "{}",
+        ended.stderr
+    );
+    let states = read::<MissionState>(&launch.bag(), "/mission/state");
+    let last = states.last().expect("states of the mission");
+    assert_eq!(last.phase, "aborted");
+    assert!(
+        states
+            .iter()
+            .any(|state| state.is_held && state.phase == "approach")
+    );
+    assert_eq!(
+        last.outcome.last().map(String::as_str),
+        Some("aborted by the operator")
+    );
+    // Every effort that was commanded is a number.
+    let commands = read::<JointState>(&launch.bag(), "/joint_commands");
+    assert!(!commands.is_empty());
+    assert!(
+        commands
+            .iter()
+            .all(|c| c.effort.iter().all(|x| x.is_finite()))
+    );
+}
