@@ -46,6 +46,16 @@ impl Router {
         format!("tcp/127.0.0.1:{}", self.port)
     }
 
+    /// A session that knows nothing of ROS.
+    pub fn client(&self) -> zenoh::Session {
+        let config = format!(
+            r#"{{ mode: "client", connect: {{ endpoints: ["{}"] }} }}"#,
+            self.endpoint()
+        );
+        let config = zenoh::Config::from_json5(&config).expect("the configuration is valid");
+        zenoh::open(config).wait().expect("it connects")
+    }
+
     /// A process of its own, as far as Zenoh knows: with a session.
     pub fn process(&self, domain: u16) -> Process {
         process(self.port, domain)

@@ -2,6 +2,7 @@
 
 use fuyu_ros::{
     msg::{
+        cdr,
         rcl_interfaces::{
             Parameter, ParameterType, ParameterValue,
             services::{GetParameters, GetParametersRequest, SetParameters, SetParametersRequest},
@@ -10,11 +11,18 @@ use fuyu_ros::{
     },
     ros::{CallError, Node, NodeError},
 };
-use std::time::Duration;
+use std::{
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicUsize, Ordering::SeqCst},
+    },
+    time::Duration,
+};
+use zenoh::{Wait, query::QueryTarget};
 
 use crate::{
     messages::{AddTwoInts, AddTwoIntsRequest, AddTwoIntsResponse},
-    router::{Network, PATIENCE, eventually, idle},
+    router::{Network, PATIENCE, Router, eventually, idle},
 };
 
 // Fails if replies were lost, given to the wrong call, or limited in length.
@@ -86,6 +94,82 @@ fn a_service_is_called_from_its_own_and_from_another_session_over(network: &Netw
             assert_eq!(reply.expect("it replies").sum, i + b);
         }
     }
+}
+
+/// Key expression of the service `sum`, of any type.
+const SUM: &str = "0/sum/*/*";
+
+// Fails if a request were lost whose query ends without a reply: while the routes between two peers change, a query does not
+// reach the server. The server here ends the first query as such a change does.
+#[test]
+fn a_request_whose_query_ends_is_sent_again() {
+    let router = Router::start();
+    let server = router.client();
+    let attachments = Arc::new(Mutex::new(Vec::new()));
+    let arrived = Arc::clone(&attachments);
+    let _sum = server
+        .declare_queryable(SUM)
+        .complete(true)
+        .callback(move |query| {
+            let attachment = query.attachment().expect("it has one").to_bytes().to_vec();
+            let mut arrived = arrived.lock().unwrap();
+            arrived.push(attachment.clone());
+            if arrived.len() > 1 {
+                let reply = query.reply(
+                    query.key_expr(),
+                    cdr::encode(&AddTwoIntsResponse { sum: 3 }),
+                );
+                reply.attachment(attachment).wait().expect("it replies");
+            }
+        })
+        .wait()
+        .expect("it serves");
+    let mut process = router.process(0);
+    let client = process.start("client", idle).expect("it starts");
+    let sum = client.client::<AddTwoInts>("sum").expect("a client");
+    // Not before the queryable is known, or the first query would not arrive either.
+    std::thread::sleep(Duration::from_millis(500));
+    let call = sum
+        .send(&AddTwoIntsRequest { a: 1, b: 2 })
+        .expect("it is sent");
+    eventually("the reply arrives", || call.is_ready());
+    assert_eq!(call.take().expect("it is ready").sum, 3);
+    let attachments = attachments.lock().unwrap();
+    assert_eq!(attachments.len(), 2);
+    assert_eq!(attachments[0], attachments[1]);
+}
+
+// Fails if a server served a request again that it has served, or took requests with other times for one and the same.
+#[test]
+fn a_request_that_arrives_twice_is_served_once() {
+    let router = Router::start();
+    let mut process = router.process(0);
+    let server = process.start("server", idle).expect("it starts");
+    let served = Arc::new(AtomicUsize::new(0));
+    let counter = Arc::clone(&served);
+    let _sum = server
+        .serve::<AddTwoInts>("sum", move |r| {
+            counter.fetch_add(1, SeqCst);
+            AddTwoIntsResponse { sum: r.a + r.b }
+        })
+        .expect("it serves");
+    let client = router.client();
+    let ask = |time: u8| {
+        // Request 1 of a publisher, at this time: two 64-bit integers and a GID after its length.
+        let mut attachment = [0_u8; 33];
+        (attachment[0], attachment[8], attachment[16]) = (1, time, 16);
+        let query = client.get(SUM).target(QueryTarget::All);
+        let query = query.payload(cdr::encode(&AddTwoIntsRequest { a: 1, b: 2 }));
+        let replies = query.attachment(attachment).wait().expect("it is sent");
+        replies
+            .iter()
+            .filter(|reply| reply.result().is_ok())
+            .count()
+    };
+    eventually("the service is there", || ask(1) == 1);
+    let before = served.load(SeqCst);
+    assert_eq!((ask(1), served.load(SeqCst)), (0, before));
+    assert_eq!((ask(2), served.load(SeqCst)), (1, before + 1));
 }
 
 fn with_gain(node: &Node) -> Result<(), NodeError> {

@@ -12,6 +12,7 @@ mod graph;
 mod keys;
 mod qos;
 mod reader;
+mod request;
 mod router;
 mod router_check;
 mod router_log;

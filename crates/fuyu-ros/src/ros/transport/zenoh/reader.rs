@@ -17,7 +17,7 @@ use zenoh_ext::{
 
 use super::{
     attachment::Attachment,
-    service::{self, PendingQueries, ServiceOfNode},
+    service::{self, PendingQueries, Received, ServiceOfNode},
 };
 use crate::ros::{
     endpoint::Reader,
@@ -95,8 +95,11 @@ impl ZenohReader {
             .complete(true)
             .allowed_origin(Locality::Remote)
             .callback(move |query| match pending.keep(&service, query) {
-                Some(request) => receiver.receive_remote(request, &graph),
-                None => receiver.report_invalid(&graph, None, "it is not a request of rmw_zenoh"),
+                Received::Request(request) => receiver.receive_remote(request, &graph),
+                Received::Duplicate => {}
+                Received::Invalid => {
+                    receiver.report_invalid(&graph, None, "it is not a request of rmw_zenoh");
+                }
             });
         Ok(Self::Service {
             _queryable: queryable.wait().map_err(TransportError::other)?,

@@ -12,8 +12,9 @@ use super::{
     graph::{Side, ZenohGraph},
     keys::TopicKey,
     reader::ZenohReader,
+    request::{ReplyReaders, RequestWriter},
     router_check::wait_for_router,
-    service::{PendingQueries, ReplyReaders, ReplyWriter, RequestWriter, ServiceOfNode},
+    service::{PendingQueries, ReplyWriter, ServiceOfNode},
     writer::TopicWriter,
 };
 use crate::ros::{
