@@ -3,7 +3,7 @@
 //! It feeds a [`ControlLoop`] and publishes its output; pairing, ages, timeouts and fallbacks are the loop's. It never
 //! learns where the base is: it subscribes to nothing under `ground_truth/`, nor to `/tf`.
 
-mod delay;
+mod delay_notices;
 mod health;
 mod inputs;
 mod messages;
@@ -24,7 +24,7 @@ use crate::{
     msg::{fuyu_msgs::ControllerState, sensor_msgs::JointState},
     ros::{Lifecycle, Node, NodeError, Publisher, Transition},
 };
-use delay::DelayNotices;
+use delay_notices::DelayNotices;
 use health::Health;
 use inputs::Inputs;
 use params::Live;

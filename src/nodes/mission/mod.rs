@@ -11,7 +11,7 @@
 
 mod gripper;
 mod messages;
-mod operator;
+mod operator_services;
 mod params;
 
 pub use messages::{StateTimer, couple, efforts, forecast, state};
@@ -48,7 +48,7 @@ use crate::{
     },
 };
 use gripper::GripperServices;
-use operator::Operator;
+use operator_services::Operator;
 
 /// Longest wait before goals and calls are looked at.
 const PATIENCE: Duration = Duration::from_millis(100);

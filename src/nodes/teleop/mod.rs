@@ -10,7 +10,7 @@
 //! relative to the base.
 
 mod base_attitude;
-mod operator;
+mod input_arbitration;
 mod operator_command;
 mod params;
 mod steering;
@@ -38,7 +38,7 @@ use crate::{
     ros::{Node, NodeError, Publisher, Status, Subscription},
 };
 use base_attitude::BaseAttitude;
-use operator::{OperatorInput, Request};
+use input_arbitration::{OperatorInput, Request};
 use operator_command::FrameNames;
 use params::Live;
 

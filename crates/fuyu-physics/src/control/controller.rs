@@ -6,7 +6,7 @@ mod tests;
 use nalgebra::DVector;
 
 use super::bumpless_transfer::BumplessTransfer;
-use super::latency_compensation::LatencyCompensation;
+use super::camera_latency_compensation::LatencyCompensation;
 use super::prediction::Prediction;
 use super::singularity_escape::{ConvergenceMonitor, Progress};
 use super::{

@@ -16,6 +16,7 @@
 pub mod attitude;
 mod auto_gains;
 mod bumpless_transfer;
+mod camera_latency_compensation;
 pub mod capture;
 pub mod commander;
 mod computed_torque;
@@ -23,8 +24,8 @@ mod config;
 mod control_loop;
 mod controller;
 mod damped_descent;
-mod delay_compensation;
 pub mod detumbling;
+mod effort_delay_compensation;
 mod effort_limits;
 mod feed_forward;
 #[cfg(test)]
@@ -34,7 +35,6 @@ mod gains;
 mod gripper_servo;
 mod inverse_kinematics;
 mod joint_pd;
-mod latency_compensation;
 mod law;
 mod law_config;
 mod linearised;
@@ -67,7 +67,7 @@ pub use control_loop::{
     StampPairs,
 };
 pub use controller::Controller;
-pub use delay_compensation::{DelayError, DelayStatus};
+pub use effort_delay_compensation::{DelayError, DelayStatus};
 pub use effort_limits::{outstretched_inertia, with_default_effort_limits};
 pub use feed_forward::{FeedForward, MovingGoal};
 pub use floating_inverse_kinematics::FloatingInverseKinematics;

@@ -16,7 +16,7 @@ use joint_states::{JointSample, JointStates};
 use nalgebra::{DVector, Vector3};
 use newest::{Horizon, Newest};
 
-use super::delay_compensation::DelayCompensation;
+use super::effort_delay_compensation::DelayCompensation;
 use super::prediction::Prediction;
 use super::{
     ConfigError, Controller, ControllerConfig, DelayStatus, GoalRate, Measurement, TipMeasurement,
