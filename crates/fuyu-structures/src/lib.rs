@@ -1,10 +1,10 @@
 //! Flexible structures for spacecraft: modes, transmission zeros, and deformable bodies for multibody dynamics.
 //!
-//! Solar panels, booms and elastic links are computed from their dimensions, or their modes are read from a file that
-//! another finite-element program wrote. The result is an [`Appendage`]: rigid mass properties, modal matrices and the mass integrals
+//! Solar panels, booms and elastic links are computed from their dimensions, or from the text of a modes file that
+//! a finite-element program wrote. The result is an [`Appendage`]: rigid mass properties, modal matrices and the mass integrals
 //! that the nonlinear equations of motion need. Linear models of a vehicle with appendages ([`Vehicle`], [`HybridModel`])
 //! have poles and transmission zeros, as in Kida 1993, "Control of large space structures" (in Japanese), whose chapter 2 this library
-//! reproduces ([`kida1993`]). It reads no files and starts no threads.
+//! reproduces ([`kida1993`]). The library parses texts, which the caller reads from files, and starts no threads.
 //!
 //! # A solar panel
 //!
