@@ -1,4 +1,4 @@
-//! Controller: one law with everything around it that all laws share.
+//! Controller: one law, and the parts that all laws share (latency compensation, feed-forward, damping, bumpless transfer).
 
 #[cfg(test)]
 mod tests;

@@ -1,12 +1,12 @@
-//! Delay compensation: joint states at the time at which the efforts that answer them act.
+//! Delay compensation: predicts the joint state at the time at which the efforts that answer it act.
 //!
-//! Over a network, the efforts that answer the state of time `t` act at `t + d`. A law that uses the state of `t` then damps
-//! with a delay, which is unstable unless its gains are small ([`SampledDamping::limit_if_late`]). So the state is
-//! predicted: from `t` to `t + d` by the robot's equations of motion, with the efforts that have been sent and act in that
+//! Over a network, the efforts that answer the state at time `t` act at `t + d`. A law that uses the state at `t` then damps
+//! with a delay, and the loop is unstable unless the gains are small ([`SampledDamping::limit_if_late`]). So the state is
+//! predicted from `t` to `t + d` by the robot's equations of motion, with the efforts that have been sent and act in that
 //! time (a state predictor: Manitius and Olbrot, Finite spectrum assignment problem for systems with delays, IEEE Trans.
-//! Automatic Control 24 (1979) 541). The law then sees the state on which its efforts act.
+//! Automatic Control 24 (1979) 541). The law then gets the state on which its efforts act.
 //!
-//! With an exact model nothing is left of the delay. With a relative error `ε` of the model's inertia, sampled damping at the
+//! With an exact model the delay has no effect. With a relative error `ε` of the model's inertia, sampled damping at the
 //! rate `λ` obeys `z^(m+1) - (1 - (1 + ε) λ T) z^m - ε λ T = 0` for a delay of `m` periods `T`. All roots lie within the unit
 //! circle, whatever `m` is, if `|1 - (1 + ε) λ T| + |ε| λ T < 1` (Rouché), thus if `|ε| < 1/2` and `λ T < 2 / (1 + 2 |ε|)`.
 

@@ -1,6 +1,6 @@
 //! Control laws: joint efforts from joint states and measurements in the base frame.
 //!
-//! No law uses the pose of the base. A [`Measurement`] consists of joint positions and rates from encoders, of tip and
+//! No [`Law`] uses the pose of the base in the world. A [`Measurement`] consists of joint positions and rates from encoders, of tip and
 //! goal poses from a camera on the base, and of the base's angular velocity from a gyro.
 //!
 //! A [`Law`] computes joint efforts. A [`Controller`] runs one law: it compensates the latency of the camera, adds
@@ -10,8 +10,8 @@
 //!
 //! [`capture`] plans and runs the capture of a free target.
 //!
-//! [`commander`] has what joint trajectories, paths and twists of the tip need: the drives of a robot that others
-//! command.
+//! [`commander`] executes motions that another program commands: joint trajectories, paths and twists of the tip. For
+//! motions of the tip in the world it uses the base's true pose.
 
 pub mod attitude;
 mod auto_gains;

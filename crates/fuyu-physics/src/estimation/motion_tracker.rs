@@ -1,4 +1,4 @@
-//! Motion tracker: the current motion from frame to frame, from the last batch solution and a filter that continues it.
+//! Motion tracker: owns the last batch solution and the filter that continues it, and gives the motion at every frame.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

@@ -13,8 +13,9 @@
 //! | `v_AB_C` | velocity of B's origin in A, components in C \[m/s\] |
 //! | `I_BP_C` | rotational inertia of body B about point P, components in C \[kg m²\] |
 //!
-//! W is the inertial world, B the base (`base_link`), E the tip (end point), D the desired tip pose
-//! (goal), C the system's centre of mass. All units are SI.
+//! W is the inertial world, I the frame of the system's centre of mass that does not rotate, B the base (`base_link`),
+//! E the tip (end effector), D the desired tip pose (goal), C the system's centre of mass. All units are SI.
+//! `docs/symbols.md` has further frames, and the inertias.
 //!
 //! # Conventions
 //!

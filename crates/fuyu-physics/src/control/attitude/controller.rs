@@ -1,4 +1,4 @@
-//! The control step with its inputs: what has arrived, what is too old, and what is done then.
+//! The control step with its inputs: the newest measurements, their largest ages, and the fallback when one is too old.
 
 use nalgebra::{DVector, Vector3};
 

@@ -1,4 +1,4 @@
-//! How far the base is from its reference.
+//! Reference of the base's attitude, and the deviation of the base from it.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

@@ -1,4 +1,4 @@
-//! Plans of a rendezvous: joint motions as polynomials, and why there may be none.
+//! Plans of a rendezvous: joint motions as polynomials, and the reasons why a rendezvous has no plan.
 
 use nalgebra::{DVector, UnitQuaternion};
 

@@ -1,4 +1,4 @@
-//! Postures of the arm at the rendezvous: the starts of the shooting.
+//! Postures of the arm at the rendezvous, from which the shooting starts.
 
 use nalgebra::{DVector, UnitQuaternion, Vector6};
 use rand::{RngExt, SeedableRng, rngs::StdRng};

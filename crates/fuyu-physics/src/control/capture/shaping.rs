@@ -1,4 +1,4 @@
-//! Shaping of a way: bumps that turn the base least and keep clear.
+//! Shaping of a joint path: bumps are added so that the base turns least and clearances are kept.
 
 use nalgebra::{DMatrix, DVector, UnitQuaternion};
 

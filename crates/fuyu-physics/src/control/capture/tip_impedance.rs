@@ -1,4 +1,4 @@
-//! Impedance of the tip: it moves as a mass with spring and damper to a moving frame would.
+//! Impedance of the tip: the tip moves as a mass that is tied to a moving frame by spring and damper.
 //!
 //! ```text
 //! a = a_d + ω² e + 2 ζ ω ė        (position and rotation alike)

@@ -1,4 +1,4 @@
-//! Tolerances of a joint trajectory on its way and at its goal.
+//! Tolerances of a joint trajectory: during the motion and at the goal.
 
 use std::fmt;
 

@@ -1,4 +1,4 @@
-//! What a control loop reports of each step.
+//! Report of one step of a control loop.
 
 use super::Stamp;
 use crate::control::{ControlError, ControlReport, DelayStatus};

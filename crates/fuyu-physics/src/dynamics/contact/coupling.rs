@@ -1,4 +1,4 @@
-//! What a program that owns robots and targets needs of a contact world: their states, and what contacts do to them.
+//! Interface for a program that owns robots and targets itself: their states, and the effect of contacts on them.
 
 use nalgebra::Vector3;
 

@@ -1,4 +1,4 @@
-//! What a world of contacts reports: points, events, work.
+//! Reports of a contact world: points, events, work.
 
 use nalgebra::Vector3;
 

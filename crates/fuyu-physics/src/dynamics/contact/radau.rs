@@ -1,10 +1,10 @@
 //! Radau's implicit method of order 5 with error control, for stiff motion.
 //!
-//! The method has three stages and damps what is infinitely stiff in one step. Stages are found by simplified
+//! The method has three stages and is L-stable: infinitely stiff modes decay in one step. Stages are found by simplified
 //! Newton iterations; a transformation splits their linear system into a real and a complex one of the size of the
 //! state (E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, 1996, section IV.8, whose estimate
-//! of the error, starting values and step control are used). What is conserved linearly in the state is conserved
-//! by each iteration, however far it has converged.
+//! of the error, starting values and step control are used). Each iteration conserves every conserved quantity that is a
+//! linear function of the state, whether or not it has converged.
 
 use nalgebra::{Complex, ComplexField};
 

@@ -1,9 +1,9 @@
 //! The equations of motion of several floating systems that touch.
 //!
-//! The state of each system is its attitude since the start of the step, centre of mass, joint positions, momentum
-//! and joint rates, with the angular momentum about a point that all systems share. Forces at a contact then change
-//! two momenta by opposite amounts, which sum to zero to the last digit: total momentum is linear in this state,
-//! and is conserved by any Runge-Kutta method.
+//! The state of each system is its attitude since the start of the step, centre of mass, joint positions, joint rates, and
+//! momentum; the angular momentum of all systems is taken about one common point. Forces at a contact then change
+//! two momenta by opposite amounts, which sum to zero to the last digit. Total momentum is a linear function of this state,
+//! so any Runge-Kutta method conserves it.
 
 use std::ops::Range;
 

@@ -1,4 +1,4 @@
-//! The section of an elastic link that carries the links which follow.
+//! The section of an elastic link that carries the following links.
 
 use nalgebra::{Rotation3, Translation3, Vector3};
 

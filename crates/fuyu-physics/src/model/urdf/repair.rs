@@ -1,4 +1,4 @@
-//! What was repaired in a robot description, and how that is reported.
+//! Repairs of a robot description, and their reports.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::Write as _;

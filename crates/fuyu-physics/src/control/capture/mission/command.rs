@@ -1,4 +1,4 @@
-//! What a mission is given, commands and refuses.
+//! Inputs, commands and errors of a mission.
 
 use nalgebra::Vector3;
 

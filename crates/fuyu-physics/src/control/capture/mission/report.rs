@@ -1,4 +1,4 @@
-//! Phases of a mission, and what is reported of each.
+//! Phases of a mission, and the quantities that are reported of each.
 
 /// A phase.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
