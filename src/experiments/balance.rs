@@ -1,4 +1,4 @@
-//! How well a body's momentum and energy are conserved in a run.
+//! Residuals of momentum and energy in a run.
 
 use nalgebra::Vector3;
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! The mission of a recorded run: what its phases did, and how it moved.
+//! The mission of a recorded run: results of its phases, and plots of its motion.
 
 use super::chart::{Figure, Panel, Series};
 use super::recorded::{RecordedRun, seconds_since};

@@ -1,4 +1,4 @@
-//! Images of a simulated run: what the camera node renders, without its thread.
+//! Images of a simulated run: rendered as by the camera node, without its thread.
 
 use super::ClosedLoop;
 use crate::{

@@ -1,4 +1,4 @@
-//! A run of a scenario without DDS, from its first state to its last: what `fuyu simulate` and the runs of a campaign do.
+//! A run of a scenario without DDS, from its first state to its last, for `fuyu simulate` and campaigns.
 
 use std::{collections::BTreeMap, path::Path};
 

@@ -1,4 +1,4 @@
-//! What a user should know about a simulation, one line each.
+//! Notes and warnings about a simulation for its user, one line each.
 
 use super::{Fleet, simulation::Observed};
 use crate::nodes::scenario::Scenario;

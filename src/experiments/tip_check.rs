@@ -1,4 +1,4 @@
-//! Final errors of the tip in a recorded run: what was controlled, and how well it was measured.
+//! Final errors of the tip in a recorded run: whether position and attitude were controlled, and the uncertainty of the errors.
 
 use nalgebra::{Isometry3, Vector3};
 

@@ -1,4 +1,4 @@
-//! What a camera sees: bodies, Sun, Earth and stars.
+//! Scenes: bodies, Sun, Earth and stars.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! What can be wrong with a structure.
+//! Errors in the description of a structure.
 
 use std::fmt::Display;
 

@@ -1,4 +1,4 @@
-//! Overload: what a computer that is too slow did to a run in real time.
+//! Overload: effects of a computer that is too slow on a run in real time.
 
 use std::collections::BTreeMap;
 

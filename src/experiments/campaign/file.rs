@@ -1,4 +1,4 @@
-//! The text of a campaign, `config/campaigns/*.yaml`.
+//! Reads the text of a campaign, `config/campaigns/*.yaml`.
 
 use std::{fmt, marker::PhantomData, path::Path};
 

@@ -1,5 +1,5 @@
-//! Theorems 2.1 to 2.6: transmission zeros of structures from a symmetric eigenvalue problem of the modes, against a
-//! solver for any linear system, which knows nothing of structures.
+//! Theorems 2.1 to 2.6: transmission zeros of structures from a symmetric eigenvalue problem of the modes, compared with a
+//! solver for general linear systems.
 
 use fuyu_lti::{LtiError, StateSpace, Structure};
 use fuyu_structures::{FemModel, HybridModel, Matrices, StructureError, generalized_eigen};

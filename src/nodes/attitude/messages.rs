@@ -1,4 +1,4 @@
-//! What the attitude node publishes: `wheel_commands`, `thruster_commands` and `attitude/state`.
+//! Messages that the attitude node publishes: `wheel_commands`, `thruster_commands` and `attitude/state`.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

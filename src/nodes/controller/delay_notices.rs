@@ -1,4 +1,4 @@
-//! What the controller node logs about the delay of its efforts.
+//! Log messages of the controller node about the delay of its efforts.
 
 use crate::{
     control::{DelayStatus, LoopReport, Stamp},

@@ -1,4 +1,4 @@
-//! What the controller publishes: `joint_commands` and `controller/state`.
+//! Messages that the controller publishes: `joint_commands` and `controller/state`.
 
 use super::super::geometry::vector_to_msg;
 use crate::{

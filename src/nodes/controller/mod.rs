@@ -1,7 +1,7 @@
 //! The controller node: joint states and camera measurements in, joint efforts out.
 //!
-//! It feeds a [`ControlLoop`] and publishes its output; pairing, ages, timeouts and fallbacks are the loop's. It never
-//! learns where the base is: it subscribes to nothing under `ground_truth/`, nor to `/tf`.
+//! The node feeds a [`ControlLoop`] and publishes its output; the loop does pairing, ages, timeouts and fallbacks. The node
+//! does not know the base's pose in the world: it subscribes to nothing under `ground_truth/`, nor to `/tf`.
 
 mod delay_notices;
 mod health;

@@ -1,4 +1,4 @@
-//! The simulation's clock: its phase, and whether and when simulated time may advance.
+//! The simulation's clock: stopped, playing or paused; whether and when simulated time may advance.
 
 use std::time::{Duration, Instant};
 

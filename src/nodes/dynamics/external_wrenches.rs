@@ -1,5 +1,5 @@
-//! Wrenches from outside on links of the robot, and what they have changed; steps of the robot under these wrenches,
-//! its thrusters and excitations.
+//! External wrenches on links of the robot, with the momentum and work that they have added; steps of the robot under these
+//! wrenches, its thrusters and excitations.
 
 use nalgebra::Vector3;
 

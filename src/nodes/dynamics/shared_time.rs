@@ -1,10 +1,10 @@
 //! One time for several robots, each simulated by a dynamics node of its own.
 //!
-//! The node of the robot that the parameter `robots` names first publishes `/clock`; the others simulate up to the time
-//! that it shows. At the start, and after a reset, the first one waits until all others have published their first state,
-//! and then their second one: a robot with `start_on_command` publishes that after its first command. Later it waits, before
-//! it goes on, until the others have published the state of that time: in lockstep always, otherwise for `answer_timeout`,
-//! and only for those that have published the state before in time.
+//! The node of the first robot in the parameter `robots` publishes `/clock`; the others simulate up to the time of `/clock`.
+//! At the start, and after a reset, the first robot's node waits until all others have published their first state, and then
+//! their second state, which a robot with `start_on_command` publishes after its first command. Later, before each tick, it
+//! waits until the others have published their states of the present time: in lockstep always; otherwise for
+//! `answer_timeout`, and only for nodes that have published their previous state in time.
 
 use std::time::{Duration, Instant};
 

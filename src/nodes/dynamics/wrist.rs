@@ -1,4 +1,4 @@
-//! The force and torque sensor in a joint: what the part of the robot beyond it exerts on the rest.
+//! The force and torque sensor in a joint: the wrench that the part of the robot beyond the joint exerts on the rest.
 
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::StdRng};

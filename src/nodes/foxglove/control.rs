@@ -1,4 +1,4 @@
-//! Who operates: one client at a time, for as long as it is heard.
+//! Who operates: one client at a time, as long as its messages arrive.
 
 use std::time::{Duration, Instant};
 

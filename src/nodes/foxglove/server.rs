@@ -2,8 +2,8 @@
 //! the last message immediately, a gate refuses foreign web pages, clients that know the access token may operate, and
 //! all its threads end with it.
 //!
-//! Those who may operate have a server of their own, since the SDK's listener does not learn what a client has sent in its
-//! request. Both servers offer the same topics.
+//! Clients that may operate have a server of their own, since the SDK's listener does not get a client's request. Both
+//! servers offer the same topics.
 
 use std::collections::HashMap;
 use std::net::SocketAddr;

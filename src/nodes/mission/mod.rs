@@ -1,13 +1,13 @@
 //! The mission node: captures a target that the estimator observes.
 //!
-//! It feeds a [`CaptureMission`] with joint states, gyro, measured poses of the grasp frame and the estimator's
-//! prediction, and answers every state with joint efforts, and with a couple on the base while it detumbles. It
-//! subscribes to nothing under `ground_truth/`. The couple goes out on `wrench`: it stands for thrusters, which a robot that
-//! grasps in a scenario cannot have yet.
+//! The node feeds a [`CaptureMission`] with joint states, gyro, measured poses of the grasp frame and the estimator's
+//! prediction. It answers every state with joint efforts, and while it detumbles also with a couple on the base. It
+//! subscribes to nothing under `ground_truth/`. The couple is published on `wrench`: it stands for ideal thrusters, since a
+//! robot that grasps in a scenario cannot have thrusters yet.
 //!
-//! A mission begins by the action `capture`, or by itself with `autostart`; the process of one that began by itself and was
-//! aborted by rule exits with 1. The services `~/hold`, `~/resume`, `~/skip`
-//! and `~/abort` (`std_srvs/Trigger`) are the operator's.
+//! A mission begins by the action `capture`, or by itself with `autostart`. If a mission that began by itself is aborted, but
+//! not by an operator, the process exits with 1. The services `~/hold`, `~/resume`, `~/skip` and `~/abort`
+//! (`std_srvs/Trigger`) are for the operator.
 
 mod gripper;
 mod messages;

@@ -1,4 +1,4 @@
-//! The operator's services.
+//! Services for the operator of a mission: hold, resume, skip, abort.
 
 use crate::{
     control::capture::{CaptureMission, MissionError},

@@ -1,4 +1,4 @@
-//! The subscriptions of a recording: to topics that fuyu knows, and to those that appear, as long as they have publishers.
+//! The subscriptions of a recording: to fuyu's own topics, and to topics that appear, as long as they have publishers.
 
 use std::{
     collections::HashMap,

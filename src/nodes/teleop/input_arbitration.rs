@@ -1,4 +1,4 @@
-//! Arbitration between joystick and twists.
+//! Arbitration between the operator's inputs, joystick (`joy`) and twists (`cmd_vel`).
 
 use std::time::{Duration, Instant};
 

@@ -1,4 +1,4 @@
-//! The views node: publishes what RViz and Foxglove cannot display as `markers`.
+//! The views node: publishes `markers` of quantities that RViz and Foxglove cannot display by themselves.
 //!
 //! It uses ground truth. No other node reads what it publishes.
 

@@ -1,4 +1,4 @@
-//! A deformable body that is attached to a rigid one.
+//! A deformable body that is attached to a rigid body.
 
 mod invariants;
 mod kinetics;

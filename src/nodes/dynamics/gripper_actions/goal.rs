@@ -1,4 +1,4 @@
-//! Goals of either type: what they ask for, and the messages about a gripper's state.
+//! Goals of either action type, and the messages about a gripper's state.
 
 use crate::{
     control::GripperGoal,

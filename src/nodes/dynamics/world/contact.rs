@@ -1,4 +1,4 @@
-//! Contact in the world: when bodies are stepped together, what has happened between them, and its energy.
+//! Contact in the world: when bodies are stepped together, the events of their contacts, and the energy of contact.
 
 use super::super::{
     contacts::Contacts, params::DynamicsParams, robot::Robot, target::Target, touching::Touching,

@@ -1,8 +1,8 @@
-//! Transports: what carries messages between participants.
+//! Transports carry messages between participants.
 //!
-//! A [`Transport`] opens [`Session`]s, one after the other if need be; a session gives every publisher its
-//! [`WireWriter`], passes what arrives to the subscriptions ([`Reader::receive`]), stores in their
-//! [`Counters`](super::endpoint::Counters) what they are matched with, and tells the [`GraphCache`] of other nodes.
+//! A [`Transport`] opens [`Session`]s, one after the other if need be. A session gives every publisher a
+//! [`WireWriter`], passes received samples to the subscriptions ([`Reader::receive`]), counts the matched peers of every
+//! endpoint in its [`Counters`](super::endpoint::Counters), and reports other nodes to the [`GraphCache`].
 //! Everything above (queues, services, parameters, actions, delivery in memory) is the same for all transports.
 
 mod dds;

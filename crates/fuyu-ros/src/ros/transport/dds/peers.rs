@@ -1,4 +1,4 @@
-//! The endpoints of other participants, and what they are matched with.
+//! The endpoints of other participants, and the local endpoints that they are matched with.
 
 use rustdds::{
     DomainParticipant, DomainParticipantStatusListener, GUID, QosPolicies, RTPSEntity,

@@ -1,6 +1,6 @@
 //! RTPS messages that rustdds does not send, or sends in a form that no peer can read (docs/upstream.md).
 //!
-//! They carry GUIDs of the participant's own endpoints, so a peer handles them like messages of rustdds.
+//! The messages carry GUIDs of the participant's own endpoints, so a peer handles them like messages of rustdds.
 
 use rustdds::{
     DomainParticipant, GUID, RTPSEntity, SequenceNumber, Timestamp, rpc::SampleIdentity,

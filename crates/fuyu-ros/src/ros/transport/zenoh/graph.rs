@@ -1,4 +1,4 @@
-//! The graph as liveliness tokens tell it: the nodes of other sessions, and what the endpoints of this one are
+//! The graph from liveliness tokens: the nodes of other sessions, and the peers that this session's endpoints are
 //! matched with.
 
 use std::{

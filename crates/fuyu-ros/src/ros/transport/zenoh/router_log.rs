@@ -1,4 +1,4 @@
-//! What a router has to say: warnings of Zenoh, and what access control refuses, which Zenoh itself tells nobody.
+//! Log of a router: warnings of Zenoh, and messages that access control refuses, which Zenoh itself does not report.
 
 use std::{
     collections::HashMap,
