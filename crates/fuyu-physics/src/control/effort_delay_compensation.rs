@@ -37,7 +37,7 @@ const SLEW: f64 = 0.1;
 /// Longest step of the prediction \[s\].
 const MAX_STEP: f64 = 0.005;
 
-/// What is done about the delay of the efforts in a step.
+/// Compensation of the delay of the efforts in a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DelayStatus {
     /// Delays are not compensated.
@@ -66,7 +66,7 @@ pub enum DelayError {
         /// The longest that is compensated \[s\].
         limit: f64,
     },
-    /// The gains are too large for what remains of the delay.
+    /// The gains are too large for the remaining uncertainty of the delay.
     #[error(
         "efforts act {delay:.3} s after the states that they answer, with a spread of {spread:.3} s, and the law damps at \
          {rate:.0} 1/s; that is stable up to {limit:.0} 1/s"
@@ -156,7 +156,7 @@ impl DelayCompensation {
         self.delays.push_back(delay);
     }
 
-    /// What to do about the delay of the efforts that answer the state of `stamp` with the joint positions `q`.
+    /// How to compensate the delay of the efforts that answer the state of `stamp` with the joint positions `q`.
     pub fn judge(
         &mut self,
         stamp: Stamp,

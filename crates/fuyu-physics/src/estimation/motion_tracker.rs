@@ -33,7 +33,7 @@ pub struct BatchSolution {
     pub span: (f64, f64),
 }
 
-/// What the current motion was computed from.
+/// Source of the current motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotionSource {
     /// The last batch solution: there is no filter, or no frame has arrived since.

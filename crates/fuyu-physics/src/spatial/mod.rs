@@ -44,5 +44,5 @@ pub use rotation::{
 pub use symmetric::Symmetric3;
 pub use vector::{Twist, Wrench};
 
-/// A pose `X_AB` with its rotation kept as a matrix, which is what the recursions multiply with.
+/// A pose `X_AB` with its rotation as a matrix, the form that the recursions multiply with.
 pub type Pose = nalgebra::IsometryMatrix3<f64>;

@@ -21,7 +21,7 @@ impl AttitudeTarget {
     }
 }
 
-/// What a law acts on.
+/// Input of a law: deviation of attitude and rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AttitudeDeviation {
     /// Twice the vector part of the quaternion of `R_DB`, of the two quaternions the one with a positive real part

@@ -57,7 +57,7 @@ impl RendezvousPlanner {
         self.checked(task, shot, bumps, Reserve::FIRST)
     }
 
-    /// What the bumps make small: the base's angular velocity, clearances that are violated, and the bumps.
+    /// Residuals that the bumps minimise: the base's angular velocity, violated clearances, and the bumps.
     fn residual(&mut self, task: &Rendezvous, shot: &Shot, bumps: &DVector<f64>) -> DVector<f64> {
         let mut rows = Vec::with_capacity(5 * PIECES + bumps.len());
         let scale = 1.0 / (PIECES as f64).sqrt();

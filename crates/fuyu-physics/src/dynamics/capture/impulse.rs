@@ -18,7 +18,7 @@ use crate::dynamics::{State, Workspace, checks};
 use crate::model::Frame;
 use crate::spatial::Wrench;
 
-/// What a latch holds of one frame relative to another.
+/// Directions in which a latch holds one frame relative to another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Latch {
     /// Position and attitude.
@@ -41,7 +41,7 @@ impl Latch {
     }
 }
 
-/// What a joint does in an impulse.
+/// Reaction of a joint to an impulse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum JointReaction {
     /// It turns freely. Damping, friction and actuators of finite effort make no difference in an impulse.
@@ -69,7 +69,7 @@ pub struct System<'a> {
     pub state: &'a State,
     /// Its scratch memory.
     pub workspace: &'a mut Workspace,
-    /// What each joint does; all are free if this is shorter.
+    /// Reaction of each joint; joints beyond the end are free.
     pub joints: &'a [JointReaction],
 }
 

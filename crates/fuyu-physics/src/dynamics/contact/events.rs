@@ -43,7 +43,7 @@ pub struct ContactEvent {
     pub begins: bool,
 }
 
-/// Counts of what the integration has done.
+/// Counts of the integration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ContactWork {
     /// Steps.

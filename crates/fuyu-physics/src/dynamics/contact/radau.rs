@@ -162,7 +162,7 @@ pub(super) struct Radau {
     update: Vec<f64>,
     complex_update: Vec<Complex<f64>>,
     error: Vec<f64>,
-    /// Stages of the last step that was taken, and its length: what the next one starts from.
+    /// Stages of the last accepted step, and its length, from which the next step starts.
     last: Option<f64>,
     last_z: [Vec<f64>; 3],
     /// Iterations of the last step, and their rate of convergence.

@@ -26,7 +26,7 @@ pub(super) struct Collider {
     pub body: usize,
     pub X_BS: Pose,
     pub shape: Shape,
-    /// What messages call it, if not its body.
+    /// Its name in messages, if not that of its body.
     pub name: Option<String>,
     /// Pose in the world.
     pub X_WS: Pose,
@@ -44,7 +44,7 @@ pub(super) struct Pair {
     pub is_suspended: bool,
 }
 
-/// What a point does; it changes at events only, so that forces are smooth in between.
+/// Mode of a point; it changes at events only, so that forces are smooth in between.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Mode {
     Apart,
@@ -258,7 +258,7 @@ impl Scene {
         }
     }
 
-    /// The state of system `i` in `y`, with what work and dissipation have added.
+    /// The state of system `i` in `y`, with the work and dissipation so far.
     pub fn read(&self, i: usize, y: &[f64], state: &mut State) {
         let member = &self.members[i];
         set_state(member, &self.origin, y, state);

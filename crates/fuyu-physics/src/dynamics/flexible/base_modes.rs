@@ -45,7 +45,7 @@ pub(super) struct BaseModes {
     modes: Vec<Mode>,
     /// Axis and inertia of each rotor on the base, and its coordinate.
     rotors: Vec<BaseRotor>,
-    /// What modes and rotors that follow forces take from the base's articulated inertia.
+    /// Reduction of the base's articulated inertia by modes and rotors that follow forces.
     taken: ArticulatedInertia<f64>,
     /// `∂J/∂μ` of each mode at this shape.
     dJ: Vec<Lanes>,

@@ -58,7 +58,7 @@ pub struct Identified {
     pub momentum: Vector3<f64>,
     /// How well the motion determines it.
     pub excitation: Excitation,
-    /// Root mean square of what is left of the gyro's measurements \[rad/s\].
+    /// Root mean square of the residuals of the gyro's measurements \[rad/s\].
     pub residual: f64,
 }
 

@@ -23,7 +23,7 @@ pub struct CaptureConfig {
     pub attitude_limit: f64,
     /// Durations of the approach to choose from \[s\].
     pub approach_times: Vec<f64>,
-    /// What the choice minimises.
+    /// The objective that the choice minimises.
     pub objective: Objective,
     /// Distance from the grasp frame at which the approach ends \[m\].
     pub standoff: f64,

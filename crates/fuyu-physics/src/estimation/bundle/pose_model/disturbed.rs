@@ -104,7 +104,7 @@ pub struct Orbit {
 /// Position by position and displacement of the line, and values of the curvature's polynomials.
 type PathBasis = (Matrix3<f64>, Matrix3<f64>, [f64; 3]);
 
-/// What does not change while the fit moves.
+/// Constants of the fit.
 #[derive(Debug)]
 struct Fixed {
     times: Vec<f64>,
