@@ -28,7 +28,7 @@ pub fn notes(scenario: &Scenario, fleet: &Fleet) -> Vec<String> {
     notes.collect()
 }
 
-/// What is doubtful about a run.
+/// Warnings about a run.
 pub fn warnings(scenario: &Scenario, fleet: &Fleet, observed: &[Observed]) -> Vec<String> {
     let path = scenario.path().display();
     let mut warnings = Vec::new();

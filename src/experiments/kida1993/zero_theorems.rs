@@ -7,7 +7,7 @@ use nalgebra::{Complex, DMatrix, DVector};
 
 use super::random::Random;
 
-/// What one theorem gave on random structures.
+/// Results of one theorem on random structures.
 #[derive(Debug, Clone, Default)]
 pub struct Checked {
     /// Its name.

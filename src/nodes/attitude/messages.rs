@@ -28,7 +28,7 @@ pub struct AttitudeMessages {
     pub wheels: JointState,
     /// On-times of the thrusters.
     pub thrusters: ThrusterCommands,
-    /// What the controller estimated, decided and sent.
+    /// Estimates, decisions and commands of the controller.
     pub state: AttitudeState,
 }
 

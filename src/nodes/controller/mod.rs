@@ -100,7 +100,7 @@ impl Work {
         })
     }
 
-    /// Takes what has arrived, and answers the joint states that are due.
+    /// Takes messages that have arrived, and answers the joint states that are due.
     fn turn(
         &mut self,
         node: &Node,
@@ -163,7 +163,7 @@ impl Work {
         Ok(())
     }
 
-    /// Takes what has arrived without answering it: the node is not active.
+    /// Takes messages that have arrived without answering them: the node is not active.
     fn ignore(&mut self) {
         if let Some(robot) = &mut self.robot {
             (self.inputs).feed(&mut robot.control_loop, &self.health.control);

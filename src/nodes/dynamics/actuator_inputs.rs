@@ -89,7 +89,7 @@ impl ActuatorInputs {
         !self.is_awaited || self.is_answered
     }
 
-    /// What is known about a command that does not arrive; `None` if none is awaited.
+    /// Known reasons for a command that does not arrive; `None` if no command is awaited.
     pub fn waits_for(&self) -> Option<String> {
         let topic = self.wheels.as_ref()?.topic();
         (!self.may_advance()).then(|| format!("no command with its stamp has arrived on {topic}"))
@@ -100,7 +100,7 @@ impl ActuatorInputs {
         self.is_answered = false;
     }
 
-    /// Drops what waits.
+    /// Drops waiting messages.
     pub fn discard(&mut self) {
         while self
             .wheels

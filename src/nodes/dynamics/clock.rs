@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use super::{params::DynamicsParams, real_time_pacing::RealTimePacing};
 
-/// What simulated time does without requests for single steps.
+/// State of simulated time without requests for single steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
     /// It stands still at the start.

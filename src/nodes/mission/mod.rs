@@ -143,7 +143,7 @@ impl Work {
         })
     }
 
-    /// Accepts a goal if none is being executed. It follows the mission that is under way, or begins one.
+    /// Accepts a goal if none is being executed. The goal follows the present mission, or begins a mission.
     fn take_goals(&mut self) {
         while let Some(request) = self.action.take_request() {
             if self.goal.is_some() || self.robot.is_none() {
@@ -173,7 +173,7 @@ impl Work {
         }
     }
 
-    /// Takes what has arrived, and answers the states.
+    /// Takes messages that have arrived, and answers the states.
     fn turn(&mut self) {
         while let Some(received) = self.joint_states.take() {
             let stamp = Time::from(&received.message.header.stamp);

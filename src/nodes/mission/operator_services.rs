@@ -6,7 +6,7 @@ use crate::{
     ros::{Calls, Node, NodeError},
 };
 
-/// What an operator asks for.
+/// Request of an operator.
 #[derive(Clone, Copy)]
 enum Wish {
     Hold,
@@ -56,7 +56,7 @@ impl Operator {
     }
 }
 
-/// Does what is asked for; returns the phase.
+/// Executes a request; returns the phase.
 fn act(wish: Wish, mission: &mut CaptureMission) -> Result<String, MissionError> {
     match wish {
         Wish::Hold => mission.hold()?,

@@ -8,7 +8,7 @@ use crate::{
     spatial::Twist,
 };
 
-/// What the operator requests.
+/// Request of the operator.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Request {
     /// No message has arrived yet.

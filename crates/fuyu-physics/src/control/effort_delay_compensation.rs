@@ -28,7 +28,7 @@ const FIRST_DELAYS: usize = 10;
 const WINDOW: usize = 31;
 /// The longest delay that is compensated, in periods of the states.
 const MAX_PERIODS: f64 = 50.0;
-/// Commands that are remembered: more than can be on their way.
+/// Number of stored commands: more than can be sent and not act yet.
 const REMEMBERED: usize = 64;
 /// Relative error of the model's inertia that the loop must bear.
 const MODEL_ERROR: f64 = 0.2;

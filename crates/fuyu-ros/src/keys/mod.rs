@@ -20,7 +20,7 @@ use std::{
 use authority::{Authority, Identity};
 pub use role::Role;
 
-/// What a set of keys is for.
+/// Options of a set of keys: address of the router, validity.
 #[derive(Debug, Clone)]
 pub struct KeyOptions {
     /// Host name or IP address of the router, as the others reach it.

@@ -47,7 +47,7 @@ impl Rule {
     }
 }
 
-/// What all roles may do: read, and be seen.
+/// Rights of all roles: read, and be discovered.
 fn reading() -> Vec<Rule> {
     let interests = &[
         "declare_subscriber",
@@ -64,7 +64,7 @@ fn reading() -> Vec<Rule> {
     ]
 }
 
-/// What a role may do besides.
+/// Further rights of a role.
 fn writing(role: Role) -> Vec<Rule> {
     let name = role.name();
     let id = |what| format!("{name}-{what}");

@@ -37,7 +37,7 @@ struct State {
     closed: bool,
 }
 
-/// What the receiving thread is doing.
+/// State of the receiving thread.
 #[derive(Default, Clone, Copy)]
 enum Sleep {
     /// It runs handlers, and looks at the queue again before it sleeps.

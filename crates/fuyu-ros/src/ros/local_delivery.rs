@@ -43,7 +43,7 @@ impl From<RawSample> for LocalSample {
     }
 }
 
-/// What a publisher delivers.
+/// A message that a publisher delivers.
 pub(super) struct Outgoing<'a> {
     /// Encapsulation header and CDR.
     pub(super) cdr: Bytes,
@@ -156,7 +156,7 @@ impl LocalTopic {
         mismatches
     }
 
-    /// Removes a publisher, with what it has kept.
+    /// Removes a publisher, with its kept messages.
     pub(super) fn remove_writer(&self, writer: &Arc<Writer>) {
         let mut members = self.lock();
         let own = |w: &LocalWriter| Arc::ptr_eq(&w.writer, writer);

@@ -402,7 +402,7 @@ impl Participant {
             .collect()
     }
 
-    /// What the other nodes of this participant publish and subscribe to, without what every node has.
+    /// Topics of the other nodes of this participant, without the topics of every node.
     pub(super) fn local_topics(&self, node: &Arc<NodeName>) -> Vec<LocalTopicUse> {
         let endpoints = self.endpoints();
         let writers = endpoints.writers.iter();

@@ -58,7 +58,7 @@ pub fn to_csv(appendage: &Appendage) -> Result<String, StructureError> {
     Ok(csv_format::write(&Document::new(appendage)?))
 }
 
-/// What both formats contain, with line numbers for messages.
+/// Content of both formats, with line numbers for messages.
 #[derive(Clone, Debug, Default)]
 struct Document {
     name: String,

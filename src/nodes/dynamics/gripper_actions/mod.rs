@@ -111,7 +111,7 @@ impl Gripper {
         self.status.warn(line);
     }
 
-    /// Accepts a goal, or rejects it. Returns what the gripper is asked for.
+    /// Accepts a goal, or rejects it. Returns the gripper's goal.
     fn begin(&mut self, request: Request, state: &GripperState, time: f64) -> Option<GripperGoal> {
         let asked = match request.asked(&self.params.joint) {
             Ok(asked) => asked,

@@ -123,7 +123,7 @@ impl Motions {
         self.goal.is_some() || (world.time() < end && !(end.is_infinite() && is_silent))
     }
 
-    /// Drops what waits; goals are rejected.
+    /// Drops waiting messages; goals are rejected.
     pub fn discard(&mut self, reason: &str) {
         while let Some(request) = self.next_goal() {
             request.reject();

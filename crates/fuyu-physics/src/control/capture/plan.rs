@@ -12,7 +12,7 @@ pub(super) const SINGULAR: f64 = 0.05;
 /// Objective that a plan minimises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Objective {
-    /// Rotation of the base on the way.
+    /// Rotation of the base during the motion.
     #[default]
     BaseReaction,
     /// Time until the arrival.
@@ -147,13 +147,13 @@ pub struct Plan {
     pub arrival: f64,
     /// Joint positions at the arrival.
     pub q: DVector<f64>,
-    /// Mean square of the base's angular velocity on the way, its root \[rad/s\].
+    /// Root mean square of the base's angular velocity during the motion \[rad/s\].
     pub base_rate: f64,
     /// Turn of the base from start to arrival \[rad\].
     pub base_turn: f64,
     /// Effective mass of the tip at the arrival along the approach axis \[kg\].
     pub effective_mass: f64,
-    /// The least distances on the way.
+    /// The least distances during the motion.
     pub distances: Distances,
     /// Attitude of the base in I at the arrival.
     pub R_IB: UnitQuaternion<f64>,

@@ -83,7 +83,7 @@ impl RendezvousPlanner {
     /// each turns the base as little as its posture allows.
     ///
     /// # Errors
-    /// [`PlanError`]: that of the way which came closest to a plan.
+    /// [`PlanError`]: that of the path which came closest to a plan.
     pub fn plan(&mut self, task: &Rendezvous) -> Result<Plan, PlanError> {
         let straight = DVector::zeros(self.model.dof());
         let mut best: Option<Plan> = None;

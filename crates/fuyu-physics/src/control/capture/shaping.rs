@@ -78,7 +78,7 @@ impl RendezvousPlanner {
         DVector::from_vec(rows)
     }
 
-    /// Distances after a piece of the way.
+    /// Distances after a piece of the path.
     pub(super) fn distances(
         &mut self,
         task: &Rendezvous,

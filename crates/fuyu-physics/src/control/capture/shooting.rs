@@ -101,7 +101,7 @@ impl RendezvousPlanner {
         Some(())
     }
 
-    /// The way to `end`.
+    /// The joint path to `end`.
     fn polynomials(&self, task: &Rendezvous, end: &End) -> Vec<[f64; 6]> {
         let joints = task.start.joints.iter().enumerate();
         let to = |j: usize| JointPoint {
@@ -114,7 +114,7 @@ impl RendezvousPlanner {
             .collect()
     }
 
-    /// Angular velocity of the base on the way at `s`, base axes, with its attitude there.
+    /// Angular velocity of the base on the path at `s`, base axes, with its attitude there.
     fn base_rate(
         &mut self,
         task: &Rendezvous,
@@ -137,7 +137,7 @@ impl RendezvousPlanner {
         self.workspace.base_twist(&momentum_B, &qd).angular
     }
 
-    /// Attitude of the base after a piece of the way.
+    /// Attitude of the base after a piece of the path.
     pub(super) fn turned(
         &mut self,
         task: &Rendezvous,
@@ -158,7 +158,7 @@ impl RendezvousPlanner {
         (R_IB * exp_so3(&turn), (a + b) * 0.5)
     }
 
-    /// Follows the way to `end`; the result has rates and accelerations that match the goal where it leads.
+    /// Follows the path to `end`; the result has rates and accelerations that match the goal at the end of the path.
     fn follow(&mut self, task: &Rendezvous, mut end: End, bumps: &DVector<f64>) -> Option<Shot> {
         let polynomials = self.polynomials(task, &end);
         let mut R_IB = task.start.state.R_WB;
@@ -179,7 +179,7 @@ impl RendezvousPlanner {
         })
     }
 
-    /// Newton's method on the end of the way.
+    /// Newton's method on the end of the path.
     pub(super) fn shoot(
         &mut self,
         task: &Rendezvous,

@@ -113,7 +113,7 @@ impl TargetTrack {
         }
     }
 
-    /// Forgets everything: I has begun anew, or the target is not free any more.
+    /// Discards all measurements: I was defined again, or the target is not free any more.
     pub fn clear(&mut self) {
         *self = Self::new(self.config);
     }

@@ -63,7 +63,7 @@ pub struct Violation {
 /// How far a trajectory is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Progress {
-    /// It is on its way, or waits for its goal.
+    /// It moves, or waits for its goal.
     Running,
     /// It has reached its goal.
     Succeeded,

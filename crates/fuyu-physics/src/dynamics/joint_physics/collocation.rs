@@ -73,7 +73,7 @@ pub(super) struct Node {
 /// integral are solved exactly, and the values of `g` at the nodes are found by iteration. Without damping this is Gauss's
 /// implicit Runge-Kutta method, of order 2 s with s nodes. With damping it is stable for any step, and exact if Coriolis terms,
 /// efforts and inertia are constant (M. Hochbruck and A. Ostermann, Exponential Runge-Kutta methods for parabolic problems,
-/// Applied Numerical Mathematics 53, 2005, section 2). Base attitude is integrated the same way: the base map of the start
+/// Applied Numerical Mathematics 53, 2005, section 2). Base attitude is integrated likewise: the base map of the start
 /// times the joints' exact displacement, and a polynomial for the rest.
 #[derive(Debug, Clone)]
 pub(super) struct Collocation {

@@ -151,7 +151,7 @@ impl Lifecycle {
     /// Configures and activates an unconfigured node.
     ///
     /// # Errors
-    /// What `work` could not do.
+    /// The error of `work`.
     pub fn start(
         &self,
         mut work: impl FnMut(Transition) -> Result<(), NodeError>,

@@ -32,7 +32,7 @@ pub use middleware::Middleware;
 #[cfg(feature = "zenoh")]
 pub use zenoh::{RouterLog, ZenohConfig, ZenohRouter};
 
-/// What a participant shares with its transport.
+/// Data that a participant shares with its transport.
 #[derive(Clone, Default)]
 pub(super) struct Shared {
     /// Its nodes and endpoints.
@@ -90,11 +90,11 @@ pub(super) trait WireWriter: Send + Sync {
         related: Option<SampleIdentity>,
     ) -> Option<SampleIdentity>;
 
-    /// Waits until living reliable subscribers have what was written, at most `patience`.
+    /// Waits until living reliable subscribers have all written samples, at most `patience`.
     fn wait_for_acknowledgments(&self, patience: Duration);
 }
 
-/// What a session has discovered.
+/// Discovery of a session.
 pub(super) trait Discovery: Send + Sync {
     /// The publishers of other participants.
     fn publishers(&self) -> Vec<RemotePublisher>;

@@ -33,7 +33,7 @@ pub struct CaptureConfig {
     pub approach_axis: Vector3<f64>,
     /// Duration of the final approach \[s\].
     pub final_time: f64,
-    /// Time between two plans on the way \[s\].
+    /// Time between two plans during the approach \[s\].
     pub replan_period: f64,
     /// Sizes of the shapes that keep clear of each other.
     pub clearance: ClearanceConfig,

@@ -38,7 +38,7 @@ pub(super) struct Peers {
     new_writers: NewWriters,
 }
 
-/// What an endpoint of this participant is matched with.
+/// Matched peers of an endpoint of this participant.
 struct Matches {
     local: GUID,
     remotes: HashMap<Gid, Remote>,

@@ -112,7 +112,7 @@ struct AccessControl {
 }
 
 impl AccessControl {
-    /// What a session has tried in vain.
+    /// Refused actions of a session.
     fn refusal(&self, message: &str) -> Option<String> {
         let mut roles = self.roles.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(result) = message.strip_prefix("Using cached result: ") else {
