@@ -4,25 +4,30 @@
 //!
 //! # Layers
 //!
-//! Three packages. This one uses the other two, which do not depend on each other, and re-exports them.
+//! This package uses and re-exports `fuyu-physics` and `fuyu-ros`, which do not depend on each other. The other packages,
+//! of which `fuyu-structures` is re-exported, know neither robots nor ROS.
 //!
 //! | package | module | contains |
 //! | --- | --- | --- |
 //! | `fuyu-physics` | [`spatial`] | rotations, twists, wrenches, inertias |
 //! | | [`model`] | a URDF compiled into bodies, joints and frames |
 //! | | [`dynamics`] | kinematics, momentum, generalized Jacobian, forward dynamics, integrators |
-//! | | [`control`] | control laws and the controller |
 //! | | [`vision`] | what a camera on the moving base measures |
 //! | | [`estimation`] | the motion of an unknown tumbling body |
+//! | | [`control`] | control laws, the controller, guidance of captures |
 //! | `fuyu-ros` | `msg` | ROS 2 messages and services, CDR, schemas |
 //! | | `ros` | nodes over DDS: endpoints, parameters, lifecycle, actions |
 //! | | `bag` | rosbag2 recordings |
 //! | `fuyu` | `nodes` | the ROS 2 nodes, and scenario files |
-//! | | `experiments` | closed loops without DDS; evaluation of recorded runs; published examples |
+//! | | `experiments` | closed loops without DDS (`fuyu simulate`), campaigns, evaluation of recorded runs, published examples |
 //! | | `cli` | the command line |
+//! | `fuyu-lti` | | linear systems, design of attitude control |
+//! | `fuyu-structures` | | deformable bodies: modes, transmission zeros |
+//! | `fuyu-campaign` | | distributions, designs and statistics of campaigns |
+//! | `fuyu-render` | | images of spacecraft |
 //!
-//! `fuyu-physics` has no ROS and reads no files; `fuyu-ros` has no physics. Inside a package, imports go from a module to
-//! those above it in the table; `ARCHITECTURE.md` has the picture.
+//! `fuyu-physics` has no ROS and reads no files; `fuyu-ros` has no physics. Inside a package, a module imports only
+//! modules above it in the table; `ARCHITECTURE.md` has the diagram, `docs/symbols.md` the symbols and terms.
 //!
 //! # Features
 //!
@@ -67,15 +72,16 @@
 //!
 //! # Notation, units, sources
 //!
-//! Names of quantities contain their frames, in monogram notation (`X_AB`, `R_WB`, `w_WB_B`); [`spatial`] has the table.
+//! Names of quantities contain their frames, in monogram notation (`X_AB`, `R_WB`, `w_WB_B`); [`spatial`] defines it.
 //! Units are SI, frames and axes those of REP-103 and REP-105.
 //!
 //! Every formula that is not from a textbook cites its source, such as "Masutani 1995 eq. (4.36)": Y. Masutani
 //! (升谷 保博), 浮遊型宇宙ロボットによる物体捕捉のための計測と制御 (measurement and control for the capture of objects
 //! by floating space robots), doctoral thesis, Osaka University, 1995,
-//! [doi:10.11501/3105001](https://doi.org/10.11501/3105001). Misprints are corrected, and the comment says so. "TR-942" is Y. Ohkami (狼 嘉彰) et al., Formulation methods of rigid multibody
-//! systems for large space structures and some results of computer simulation
-//! (多剛体宇宙構造物のモデリング手法とシミュレーション結果), Technical Report TR-942, National Aerospace Laboratory, 1987.
+//! [doi:10.11501/3105001](https://doi.org/10.11501/3105001). Misprints are corrected, and the comment says so. Modules
+//! that reproduce a part of it are named after the part: `masutani_ch5` (chapter 5), `masutani_g` (appendix G). "TR-942" is
+//! Y. Ohkami (狼 嘉彰) et al., Formulation methods of rigid multibody systems for large space structures and some results
+//! of computer simulation (多剛体宇宙構造物のモデリング手法とシミュレーション結果), Technical Report TR-942, National Aerospace Laboratory, 1987.
 
 pub use fuyu_physics::{control, dynamics, estimation, model, spatial, vision};
 #[cfg(feature = "ros")]

@@ -1,4 +1,4 @@
-//! How well a body's momentum and energy are conserved in a run.
+//! Residuals of momentum and energy in a run.
 
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -19,13 +19,13 @@ pub struct MomentumResidual {
 
 /// Momentum and energy of a free-floating body at one time.
 pub(super) struct Carried {
-    /// Momentum, less what acts from outside has changed.
+    /// Momentum, less the external impulse.
     momentum_W: Momentum,
     /// Scale of the rounding errors of linear and angular momentum.
     scale: (f64, f64),
     /// Kinetic and strain energy \[J\].
     energy: f64,
-    /// Work of all that acts on the body, less what deformation and wheels dissipate \[J\].
+    /// Work on the body, less the dissipation by deformation and wheels \[J\].
     supplied: f64,
     /// \[kg\]
     mass: f64,

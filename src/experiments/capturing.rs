@@ -19,7 +19,7 @@ use crate::{
     vision::{FeatureFrame, PoseCamera, PoseFrame},
 };
 
-/// A mission and what it observes with.
+/// A mission with its camera and estimator.
 pub struct Capturing {
     mission: CaptureMission,
     uses_services: bool,
@@ -131,7 +131,7 @@ impl Capturing {
         &self.load
     }
 
-    /// What camera, estimator and mission do with a state.
+    /// Passes a state to camera, estimator and mission.
     ///
     /// # Errors
     /// A line with the time.

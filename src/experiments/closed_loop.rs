@@ -28,7 +28,7 @@ use crate::{
     vision::{FeatureFrame, PoseCamera, PoseFrame, StarTrackerFrame},
 };
 
-/// The closed loop of a scenario: what its nodes do over topics, in one thread and in the order of a graph in lockstep.
+/// The closed loop of a scenario: its nodes without topics, in one thread and in the order of a graph in lockstep.
 /// Each state is shown to the camera, the control loop answers with the frames delivered so far, and its efforts are
 /// held until the next state. If the scenario has a teleop node, a simulated operator steers. Without camera,
 /// controller and teleop it is a free motion under springs and dampers. There is no estimator, unless a mission node
@@ -101,9 +101,9 @@ pub struct Moment<'a> {
 
 /// The attitude controller's answer to a state.
 pub struct AttitudeAnswer<'a> {
-    /// What the star tracker delivered at this state.
+    /// The star tracker's measurement delivered at this state.
     pub frames: &'a [StarTrackerFrame],
-    /// What the controller decided, if its period has passed.
+    /// The controller's result, if its period has passed.
     pub report: Option<AttitudeReport>,
     /// The loop, with the torques of this state.
     pub attitude: &'a AttitudeLoop,
@@ -308,7 +308,7 @@ impl AttitudeControl {
 }
 
 impl SecondArm {
-    /// Shows the camera the present state, and gives the control loop what it delivers.
+    /// Shows the camera the present state, and gives its delivered measurements to the control loop.
     fn measure(
         &mut self,
         time: f64,

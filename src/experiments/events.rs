@@ -1,4 +1,4 @@
-//! Events of a simulation: what a run does at some time that its final state does not show.
+//! Events of a simulation, which its final state does not show: stops reached, saturated wheels, latches, contacts.
 
 use serde::Serialize;
 

@@ -1,4 +1,4 @@
-//! Load on a grasp: what a captured target feels.
+//! Load on a grasp: force and torque on a captured target.
 
 use nalgebra::Vector3;
 

@@ -1,7 +1,7 @@
 //! The positioning runs of Masutani 1995, chapter 5: the servicer of Fig. 5.2 brings its tip to a goal at rest in the
 //! world.
 //!
-//! Gains and limits are printed. Geometry, start and goal are not; they are recovered so that the runs
+//! The thesis prints gains and limits, but not geometry, start and goal; these are recovered so that the runs
 //! agree with the text. `config/positioning.yaml` is the same run as a scenario.
 
 use nalgebra::{DVector, Vector3};

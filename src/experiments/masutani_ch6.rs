@@ -1,8 +1,8 @@
 //! Masutani 1995, chapters 4 and 6: the planar arm of Fig. 4.4 on bases of several sizes, controlled with the fixed-base
 //! Jacobian as an approximation.
 //!
-//! Table 6.2 prints the base that is five times as heavy as the arm. Fig. 4.4's own parameters are not printed; they
-//! are most likely the same arm on a base of mass ratio 20, of which Table 6.2 is the scaled one.
+//! Table 6.2 prints the robot whose base is five times as heavy as its arm. The parameters of Fig. 4.4 are not printed; most
+//! likely they are the same arm on a base of mass ratio 20, which Table 6.2 scales.
 
 use nalgebra::{DVector, Matrix3, Matrix6xX, Rotation3, Translation3, Vector3};
 

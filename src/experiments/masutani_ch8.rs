@@ -1,10 +1,10 @@
 //! Teleoperation, Masutani 1995 chapter 8: the positioning experiment with an operator in the loop, and the arm for
 //! the maps of the operability indices.
 //!
-//! The operator of the thesis was a man of 24 with a stereo view of the scene; ours is [`Operator`], the same for every
-//! method and every target. Its arm has joints without inertia; ours has a servo of finite bandwidth on the full
-//! dynamics. Neither the arm of Fig. 8.4 nor the eight targets are printed: the arm is that of Fig. 5.2 without its wrist (as in
-//! chapter 7), which has the three joints that the inverses of the text need, and the targets are the corners of a cube.
+//! The operator of the thesis was a man of 24 with a stereo view of the scene; here it is [`Operator`], the same for every
+//! method and every target. The arm of the thesis has joints without inertia; here it has a servo of finite bandwidth on the
+//! full dynamics. Neither the arm of Fig. 8.4 nor the eight targets are printed. Here the arm is that of Fig. 5.2 without its
+//! wrist (as in chapter 7), which has the three joints that the inverses of the text need, and the targets are the corners of a cube.
 
 use nalgebra::{DVector, Matrix3, Matrix6xX, Point3, Translation3, Vector3};
 

@@ -18,7 +18,7 @@ pub struct MissionSummary {
     pub captured: bool,
     /// The last phase; `done` or `aborted` if the mission is over.
     pub phase: &'static str,
-    /// How it ended, or what it waits for.
+    /// How it ended, or the condition that it waits for.
     pub reason: String,
     /// When it ended \[s\]; `None` if it lasts.
     pub end: Option<f64>,
@@ -92,7 +92,7 @@ impl MissionSummary {
         }
     }
 
-    /// Why the mission did not do what was asked, if it did not.
+    /// Why the mission did not capture its target, if it did not.
     pub fn failure(&self) -> Option<String> {
         match self.phase {
             "done" => None,

@@ -1,4 +1,5 @@
-//! Closed loops without a ROS graph, published results, and analysis of recorded runs.
+//! Runs without a ROS graph (`fuyu simulate`, `fuyu campaign`), published results (`fuyu reproduce`), and analysis of
+//! recorded runs (`fuyu bag check`, `fuyu bag plot`).
 
 mod bag_check;
 mod bag_plot;

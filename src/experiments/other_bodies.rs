@@ -1,4 +1,4 @@
-//! Bodies of other robots that the cameras of a robot watch.
+//! Bases and targets of other robots that the cameras of a robot observe.
 
 use crate::{nodes::dynamics::World, spatial::Pose};
 

@@ -1,4 +1,4 @@
-//! Performance of a run: the figures that `fuyu simulate` reports.
+//! Performance of a run: the quantities that `fuyu simulate` reports.
 
 use std::collections::BTreeMap;
 

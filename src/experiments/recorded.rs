@@ -99,7 +99,7 @@ pub struct MomentumSample {
     pub angular: Vector3<f64>,
     /// \[J\]
     pub kinetic_energy: f64,
-    /// What joints, deformation and bearings of wheels have dissipated since the start \[J\].
+    /// Dissipation by joints, deformation and bearings of wheels since the start \[J\].
     pub dissipated_energy: f64,
 }
 
@@ -391,7 +391,7 @@ impl RecordedRun {
         }
     }
 
-    /// What external wrenches have changed up to `time` \[ns\].
+    /// External impulse and work up to `time` \[ns\].
     pub fn external_until(&self, time: i64) -> ExternalSample {
         let count = self.external.partition_point(|sample| sample.time <= time);
         match count {

@@ -1,4 +1,4 @@
-//! The mission of a recorded run: what its phases did, and how it moved.
+//! The mission of a recorded run: results of its phases, and plots of its motion.
 
 use super::chart::{Figure, Panel, Series};
 use super::recorded::{RecordedRun, seconds_since};
@@ -30,7 +30,7 @@ impl RecordedPhase<'_> {
     }
 }
 
-/// The phases of a mission in order. What a message lacks is left out.
+/// The phases of a mission in order, as far as the message has them.
 pub fn phases(state: &MissionState) -> Vec<RecordedPhase<'_>> {
     let names = state.phase_name.iter().zip(&state.phase_start);
     let ends = state.phase_end.iter().zip(&state.outcome);

@@ -6,7 +6,7 @@ pub fn is_of_target(namespace: &str) -> bool {
     parent.is_some_and(|parent| parent.ends_with("/ground_truth"))
 }
 
-/// What reports call the robot or target with the topics in `namespace`: `chaser`, `target` or `chaser/target`; empty
+/// Name in reports of the robot or target with the topics in `namespace`: `chaser`, `target` or `chaser/target`; empty
 /// without a namespace.
 pub fn title_of(namespace: &str) -> String {
     let title = match is_of_target(namespace) {

@@ -128,7 +128,7 @@ struct AttitudeTopics {
 }
 
 impl AttitudeTopics {
-    /// Writes what star tracker and attitude controller publish at a time \[s\].
+    /// Writes the messages of star tracker and attitude controller at a time \[s\].
     fn write(
         &mut self,
         w: &mut Writer,
@@ -197,7 +197,7 @@ impl TargetTopics {
     }
 }
 
-/// What an estimator and a mission publish.
+/// Messages of an estimator and a mission.
 struct CaptureTopics {
     prediction: TopicId,
     wrench: TopicId,
@@ -219,7 +219,7 @@ struct ServoTopics {
 }
 
 impl RobotTopics {
-    /// Adds the topics, and writes what does not change.
+    /// Adds the topics, and writes the constant messages.
     fn new(writer: &mut Writer, robot: Recorded) -> Result<Self, BagError> {
         let run = robot.run;
         let has_main = robot.images.as_ref().is_some_and(RenderedImages::has_main);

@@ -1,4 +1,4 @@
-//! Images of a simulated run: what the camera node renders, without its thread.
+//! Images of a simulated run: rendered as by the camera node, without its thread.
 
 use super::ClosedLoop;
 use crate::{
@@ -71,7 +71,7 @@ impl SimulatedImages {
         self.imager.infos(0.0)
     }
 
-    /// Shows the cameras the present state, and returns what they deliver: indices of outputs, and messages.
+    /// Shows the cameras the present state, and returns the delivered images: indices of outputs, and messages.
     ///
     /// # Errors
     /// When the state is not finite.

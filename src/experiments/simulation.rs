@@ -1,4 +1,4 @@
-//! A run of a scenario without DDS, from its first state to its last: what `fuyu simulate` and the runs of a campaign do.
+//! A run of a scenario without DDS, from its first state to its last, for `fuyu simulate` and campaigns.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -17,7 +17,7 @@ pub const AFTER_MISSIONS: f64 = 2.0;
 /// Simulated time of a scenario that states none \[s\].
 const DEFAULT_DURATION: f64 = 60.0;
 
-/// What is observed of a robot's run.
+/// Observations of a robot's run.
 pub struct Observed {
     /// Its figures.
     pub performance: Performance,
@@ -61,7 +61,7 @@ impl From<BagError> for Stop {
     }
 }
 
-/// What `fuyu simulate --json` prints of a robot.
+/// Output of `fuyu simulate --json` for a robot.
 #[derive(Serialize)]
 struct Report<'a> {
     #[serde(flatten)]
@@ -85,7 +85,7 @@ impl<'a> Report<'a> {
     }
 }
 
-/// What `fuyu simulate --json` prints of several robots.
+/// Output of `fuyu simulate --json` for several robots.
 #[derive(Serialize)]
 struct Reports<'a> {
     /// By namespace.

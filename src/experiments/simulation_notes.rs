@@ -1,4 +1,4 @@
-//! What a user should know about a simulation, one line each.
+//! Notes and warnings about a simulation for its user, one line each.
 
 use super::{Fleet, simulation::Observed};
 use crate::nodes::scenario::Scenario;
@@ -28,7 +28,7 @@ pub fn notes(scenario: &Scenario, fleet: &Fleet) -> Vec<String> {
     notes.collect()
 }
 
-/// What is doubtful about a run.
+/// Warnings about a run.
 pub fn warnings(scenario: &Scenario, fleet: &Fleet, observed: &[Observed]) -> Vec<String> {
     let path = scenario.path().display();
     let mut warnings = Vec::new();

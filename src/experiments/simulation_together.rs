@@ -1,4 +1,4 @@
-//! Several runs at the same time in one thread: what their plants have in common is computed in SIMD lanes.
+//! Several runs at the same time in one thread: the integration steps of their plants are computed in SIMD lanes.
 
 use super::{
     Fleet,

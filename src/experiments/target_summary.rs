@@ -1,4 +1,4 @@
-//! What `fuyu simulate` reports of targets with joints.
+//! Report of `fuyu simulate` on targets with joints.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! Final errors of the tip in a recorded run: what was controlled, and how well it was measured.
+//! Final errors of the tip in a recorded run: whether position and attitude were controlled, and the uncertainty of the errors.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -18,7 +18,7 @@ pub(super) struct Deviation {
 pub(super) struct FinalError {
     /// Name of the source.
     pub name: &'static str,
-    /// What was measured, in words.
+    /// The measured quantity, in words.
     pub source: String,
     /// Distance from the goal \[m\].
     pub position: Deviation,
@@ -26,7 +26,7 @@ pub(super) struct FinalError {
     pub attitude: Deviation,
 }
 
-/// What the controller's law drives to the goal.
+/// Quantities that the controller's law drives to the goal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Controlled {
     pub position: bool,

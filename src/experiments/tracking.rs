@@ -1,4 +1,4 @@
-//! A servicer tracks a grasp point on a tumbling body, with a camera that may have latency, a low rate and noise.
+//! A servicer tracks a grasp point on a tumbling body, with a camera that has latency, a low rate and noise as configured.
 //!
 //! The robot is that of Masutani 1995 Fig. 5.2 with the gains of its chapter 5. The target is that of chapter 3; it
 //! rotates at 3 deg/s about an axis that is not a principal axis, and its grasp point moves at 5 cm/s relative to the servicer's

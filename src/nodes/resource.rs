@@ -1,4 +1,4 @@
-//! Finding and reading the files that parameters, commands and peers name.
+//! Finding and reading files that parameters, commands and peers name (resources such as `package://fuyu/...`).
 
 use std::path::{Component, Path, PathBuf};
 

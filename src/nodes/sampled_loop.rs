@@ -1,4 +1,4 @@
-//! Control loops that are unstable because they are sampled, found before a run.
+//! Detection, before a run, of control loops that sampling makes unstable.
 
 use super::{
     controller::{ControllerParams, second_tip},

@@ -138,7 +138,7 @@ impl Scenario {
         }
     }
 
-    /// The ROS arguments: file, command line and what was set.
+    /// The ROS arguments: file, command line, and values set by the program.
     pub fn args(&self) -> &RosArgs {
         &self.args
     }

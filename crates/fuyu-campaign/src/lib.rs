@@ -1,6 +1,6 @@
 //! Sampling and statistics of Monte Carlo campaigns.
 //!
-//! Every drawn number is a pure function of the campaign's seed, the name of what is drawn and the number of the run, and
+//! Every drawn number is a pure function of the campaign's seed, the name of the quantity and the number of the run, and
 //! has the same bits on every machine: only IEEE 754 arithmetic, square roots and the functions of `libm` are used, not
 //! those of the platform.
 //!

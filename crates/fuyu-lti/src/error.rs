@@ -1,4 +1,4 @@
-//! What can be wrong with an input, and why a problem has no solution.
+//! Errors of inputs, and reasons why a problem has no solution.
 
 use crate::Complex;
 

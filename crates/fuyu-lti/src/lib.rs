@@ -4,7 +4,7 @@
 //! controllers, and direct feedback of structures with collocated actuators and sensors. Only nalgebra is needed; there is no LAPACK.
 //! SI units throughout: s, rad/s, rad, N m.
 //!
-//! # What there is
+//! # Contents
 //!
 //! | subject | items |
 //! | --- | --- |
@@ -44,7 +44,7 @@
 //! # Ok::<(), fuyu_lti::LtiError>(())
 //! ```
 //!
-//! A regulator whose cost weights fast control, so that its gain falls before the panel's mode, leaves it alone:
+//! With a cost that weights fast control, the regulator's gain falls off below the panel's frequency, and the loop is stable:
 //!
 //! ```
 //! # use fuyu_lti::{Matrix, Structure, margins, recovery_observer};
@@ -67,7 +67,7 @@
 //! # Ok::<(), fuyu_lti::LtiError>(())
 //! ```
 //!
-//! Rate and angle fed back where the torque acts cannot make the panel vibrate at all, whichever its frequency:
+//! Feedback of rate and angle at the place where the torque acts cannot destabilise the panel, whatever its frequency:
 //!
 //! ```
 //! # use fuyu_lti::{Matrix, Structure};

@@ -9,7 +9,7 @@
 //! | [`spatial`] | rotations, twists, wrenches, inertias |
 //! | [`model`] | a URDF compiled into bodies, joints and frames |
 //! | [`dynamics`] | kinematics, momentum, generalized Jacobian, forward and inverse dynamics, integrators, batches |
-//! | [`control`] | control laws |
+//! | [`control`] | control laws, guidance of a capture |
 //! | [`vision`] | cameras on the moving base |
 //! | [`estimation`] | the motion of an unknown tumbling body |
 //!

@@ -1,6 +1,6 @@
 //! A rendered image.
 
-/// What a camera has seen, row by row.
+/// Image of a camera, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// Columns.

@@ -8,7 +8,7 @@ use crate::{
 /// No triangle.
 pub const NOTHING: u32 = u32::MAX;
 
-/// What the pixels of a tile see.
+/// Visible triangles of the pixels of a tile.
 #[derive(Debug, Clone)]
 pub struct Seen {
     /// Inverse depth \[1/m\]; 0 is infinitely far.

@@ -20,7 +20,7 @@ pub struct Renderer {
     shadows: Shadows,
 }
 
-/// What a scene looks like through a camera. For many frames, a [`Renderer`] is faster.
+/// Image of a scene by a camera. For many frames, a [`Renderer`] is faster.
 pub fn render(scene: &Scene, camera: &Camera) -> Frame {
     Renderer::default().render(scene, camera)
 }
@@ -41,7 +41,7 @@ struct View<'a> {
 }
 
 impl Renderer {
-    /// What a scene looks like through a camera, on all threads of rayon's pool.
+    /// Image of a scene by a camera, on all threads of rayon's pool.
     ///
     /// A camera or body whose pose is not finite sees or shows nothing.
     pub fn render(&mut self, scene: &Scene, camera: &Camera) -> Frame {
@@ -83,7 +83,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// What the tiles of a row see.
+    /// Visible triangles of the tiles of a row.
     fn seen(&self, row: usize) -> Vec<Seen> {
         let rays = &self.sample.rays;
         let mut seen = vec![Seen::NOTHING; rays.columns];

@@ -1,4 +1,4 @@
-//! What a camera sees: bodies, Sun, Earth and stars.
+//! Scenes: bodies, Sun, Earth and stars.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use crate::{Earth, Mesh, Motion, Star};
 pub struct Instance {
     /// Its triangles.
     pub mesh: Arc<Mesh>,
-    /// What a segmented image shows for it; 0 is the background.
+    /// Its value in a segmented image; 0 is the background.
     pub id: u16,
     /// The mesh's frame in the world.
     pub motion: Motion,

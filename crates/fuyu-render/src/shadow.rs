@@ -1,7 +1,7 @@
-//! Hard shadows: maps of what the Sun sees.
+//! Hard shadows: depth maps in the direction of the sunlight.
 //!
-//! Sunlight is parallel, so that only bodies that overlap in the plane normal to it can shade each other. Each group of
-//! such bodies has a map of its own, which is as fine as the group is small.
+//! Sunlight is parallel, so only bodies that overlap in the plane normal to it can shade each other. Each group of
+//! such bodies has a map of its own; the smaller the group, the finer the map.
 
 use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;

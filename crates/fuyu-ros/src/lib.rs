@@ -1,14 +1,17 @@
 //! ROS 2 nodes, parameters, lifecycle, actions and rosbag2 in Rust, without a ROS installation.
 //!
-//! Nodes speak DDS (RTPS) with every ROS 2 Jazzy node that uses Fast DDS, and with the `ros2` command line. No ROS package,
-//! code generator or sourced environment is needed: messages are declared in Rust.
+//! Nodes communicate over DDS (RTPS) with nodes of ROS 2 Jazzy and Kilted that use Fast DDS, and with the `ros2` command
+//! line; with nodes that use CycloneDDS they exchange topics only. With the feature `zenoh` they communicate over Zenoh
+//! instead, as rmw_zenoh does. No ROS package, code generator or sourced environment is needed: messages are declared in
+//! Rust.
 //!
 //! | module | content |
 //! | --- | --- |
 //! | [`ros`] | nodes: publishers, subscriptions, services, actions, parameters, lifecycle, clock, diagnostics, log, `--ros-args` |
 //! | [`msg`] | messages of the common ROS packages, macros for own ones, CDR, type hashes, schemas |
 //! | [`bag`] | rosbag2 recordings (MCAP): write, read, recover, convert to CSV and Parquet |
-//! | [`input_file`] | reading files that others name: regular files up to a size |
+//! | [`input_file`] | reading files whose names are input: regular files up to a size |
+//! | `keys` | certificates and access control of a Zenoh graph (feature `zenoh`) |
 //!
 //! # A node
 //!

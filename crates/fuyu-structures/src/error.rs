@@ -1,4 +1,4 @@
-//! What can be wrong with a structure.
+//! Errors in the description of a structure.
 
 use std::fmt::Display;
 
@@ -74,7 +74,7 @@ pub enum StructureError {
     },
 }
 
-/// Rejects what is not a finite number.
+/// Rejects numbers that are not finite.
 pub(crate) fn finite(field: impl Display, value: f64) -> Result<f64, StructureError> {
     in_range(field, value, value.is_finite(), "finite")
 }
@@ -90,12 +90,12 @@ pub(crate) fn finite_entries(
     Ok(())
 }
 
-/// Rejects what is not positive and finite.
+/// Rejects numbers that are not positive and finite.
 pub(crate) fn positive(field: impl Display, value: f64) -> Result<f64, StructureError> {
     in_range(field, value, value.is_finite() && value > 0.0, "positive")
 }
 
-/// Rejects what is negative or not finite.
+/// Rejects numbers that are negative or not finite.
 pub(crate) fn not_negative(field: impl Display, value: f64) -> Result<f64, StructureError> {
     let right = value.is_finite() && value >= 0.0;
     in_range(field, value, right, "zero or positive")

@@ -1,4 +1,4 @@
-//! A rigid part with flexible ones: the constrained-mode and unconstrained-mode models of Kida 1993 section 2.3, their poles
+//! A rigid part with flexible parts: the constrained-mode and unconstrained-mode models of Kida 1993 section 2.3, their poles
 //! and transmission zeros.
 
 use nalgebra::{Cholesky, Complex, DMatrix, DVector, Dyn};

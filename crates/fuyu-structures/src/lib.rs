@@ -1,10 +1,10 @@
 //! Flexible structures for spacecraft: modes, transmission zeros, and deformable bodies for multibody dynamics.
 //!
-//! Solar panels, booms and elastic links are computed from their dimensions, or their modes are read from a file that
-//! another finite-element program wrote. The result is an [`Appendage`]: rigid mass properties, modal matrices and the mass integrals
+//! Solar panels, booms and elastic links are computed from their dimensions, or from the text of a modes file that
+//! a finite-element program wrote. The result is an [`Appendage`]: rigid mass properties, modal matrices and the mass integrals
 //! that the nonlinear equations of motion need. Linear models of a vehicle with appendages ([`Vehicle`], [`HybridModel`])
 //! have poles and transmission zeros, as in Kida 1993, "Control of large space structures" (in Japanese), whose chapter 2 this library
-//! reproduces ([`kida1993`]). It reads no files and starts no threads.
+//! reproduces ([`kida1993`]). The library parses texts, which the caller reads from files, and starts no threads.
 //!
 //! # A solar panel
 //!
@@ -27,7 +27,7 @@
 //!
 //! # The panel on a vehicle
 //!
-//! With the base free, the frequencies depend on the vehicle's inertia, and the zeros from torques to attitude do not:
+//! With a free base, the frequencies depend on the vehicle's inertia; the zeros from torques to attitude do not:
 //!
 //! ```
 //! use fuyu_structures::{Attachment, PlateStrip, Vehicle};
@@ -48,7 +48,7 @@
 //!
 //! # Equations of motion
 //!
-//! [`Kinetics`] has mass matrix and convective forces of a deformed body whose attachment moves in any way:
+//! [`Kinetics`] has mass matrix and convective forces of a deformed body whose attachment moves arbitrarily:
 //!
 //! ```
 //! use fuyu_structures::{Kinetics, PlateStrip};
@@ -98,7 +98,7 @@
 //! - Modes are mass-normalised and positive at the tip (+z, or about +x in torsion). Trusses and nodal models: the largest entry is
 //!   positive.
 //! - Coupling P has one row for each mode: `(∫ ψ dm, ∫ X × ψ dm)`, about the attachment, in its axes.
-//! - Frames are in names in monogram notation: `R_BA` turns coordinates in frame A into such in frame B.
+//! - Names contain frames in monogram notation: `R_BA` takes components in frame A to components in frame B.
 
 // Matrices have the names of the equations.
 #![allow(clippy::many_single_char_names)]

@@ -1,4 +1,4 @@
-//! Shapes along a line, such as those of a beam or strip, and their mass points with second-order displacements.
+//! Mode shapes along a line, as of a beam or strip, and their mass points with second-order displacements.
 
 use nalgebra::Vector3;
 

@@ -1,4 +1,4 @@
-//! Roots of `det[A s² + B s + C] = 0`: every pole and transmission zero of a structure is one.
+//! Roots of `det[A s² + B s + C] = 0`, which are the poles and transmission zeros of structures.
 
 use nalgebra::{Cholesky, Complex, DMatrix, Schur};
 

@@ -1,4 +1,4 @@
-//! Panels and booms: slender bodies that are clamped at their root.
+//! Strips (panels) and booms: slender bodies that are clamped at their root.
 
 use nalgebra::DMatrix;
 

@@ -1,4 +1,4 @@
-//! Overload: what a computer that is too slow did to a run in real time.
+//! Overload: effects of a computer that is too slow on a run in real time.
 
 use std::collections::BTreeMap;
 
@@ -23,7 +23,7 @@ pub struct Overload {
 }
 
 impl Overload {
-    /// What the nodes of a run have counted so far.
+    /// Counts of the nodes of a run so far.
     pub fn of(nodes: &[Node]) -> Self {
         let mut overload = Self::default();
         for node in nodes {
@@ -40,7 +40,7 @@ impl Overload {
         overload
     }
 
-    /// A line about it, with what helps; `None` if nothing was late or lost.
+    /// A line about it, with remedies; `None` if nothing was late or lost.
     pub fn line(&self) -> Option<String> {
         if *self == Self::default() {
             return None;
@@ -100,11 +100,10 @@ fn deviation(
     })
 }
 
-/// Why a run whose tips ended with these errors is not what the scenario asks for: it is compared with the simulation of
-/// the same scenario in one thread, up to the simulated time `end` \[s\], once as it is and once with poses of the camera
-/// that are a state late, which is what a controller in real time has on a computer that is fast enough. In a scenario in
-/// which this small delay changes the result, as near a singularity, the range between the two is right. Names the robot
-/// if there are several.
+/// Compares the final errors of the tips with two simulations of the same scenario in one thread up to the simulated time
+/// `end` \[s\]: one of the scenario as it is, one with camera poses that are a state late, as they are in real time on a
+/// computer that is fast enough. Returns a line if an error is outside the range of the two by more than the limits. (The
+/// range is wide where a small delay changes the result, as near a singularity.) Names the robot if there are several.
 pub fn missed(scenario: &Scenario, errors: &TipErrors, end: f64) -> Option<String> {
     if !scenario.has("controller") {
         return None;

@@ -34,7 +34,7 @@ pub(super) const CHUNK: u64 = 256;
 /// Largest `campaign.json` \[bytes\].
 const LARGEST_MANIFEST: u64 = 64 << 20;
 
-/// What `campaign.json` contains.
+/// Content of `campaign.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
     /// Version of the program.
@@ -372,7 +372,7 @@ impl Dataset {
             .collect()
     }
 
-    /// Removes what a killed process has left of a table that it wrote.
+    /// Removes the partial table of a killed process.
     pub(super) fn remove_drafts(&self) {
         for kind in ["results", "wall_time", "series"] {
             let Ok(entries) = fs::read_dir(self.folder.join(kind)) else {
@@ -444,7 +444,7 @@ impl Dataset {
     }
 }
 
-/// What differs between two campaigns, apart from the number of runs.
+/// Difference between two campaigns, apart from the number of runs.
 fn difference(a: &Manifest, b: &Manifest) -> Option<&'static str> {
     if a.version != b.version {
         Some("version of fuyu")

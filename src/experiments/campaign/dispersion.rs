@@ -24,7 +24,7 @@ pub(super) struct Dispersion {
     draw: Draw,
 }
 
-/// What is drawn.
+/// The drawn quantity.
 #[derive(Clone)]
 pub(super) enum Draw {
     /// The values in turn, each for `stride` runs.
@@ -55,7 +55,7 @@ pub(super) enum Turn {
     Normal(Distribution),
 }
 
-/// What dispersions share while they are built.
+/// State that dispersions share while they are built.
 #[derive(Default)]
 pub(super) struct Building {
     /// Names of the coordinates.

@@ -24,7 +24,7 @@ use super::{
     run::too_long,
 };
 
-/// How often a run is tried whose process ends. The reason may be that everything is being killed.
+/// How often a run is tried during which its process dies. The run need not be the cause: all processes may be being killed.
 const TRIES: u32 = 3;
 
 /// Most runs that a process computes at the same time, in the lanes of SIMD registers.
@@ -258,7 +258,7 @@ impl<'a> Worker<'a> {
     }
 }
 
-/// What a worker's process writes: a line per run.
+/// Output of a worker's process: a line per run.
 #[derive(Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Reply {

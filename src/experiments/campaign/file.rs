@@ -1,4 +1,4 @@
-//! The text of a campaign, `config/campaigns/*.yaml`.
+//! Reads the text of a campaign, `config/campaigns/*.yaml`.
 
 use std::{fmt, marker::PhantomData, path::Path};
 
@@ -9,7 +9,7 @@ use serde::{
 };
 use serde_json::Value;
 
-/// What a campaign file says.
+/// Content of a campaign file.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CampaignFile {
@@ -202,7 +202,7 @@ pub(super) struct CorrelatedFile {
     pub covariance: Vec<Vec<f64>>,
 }
 
-/// What is kept of a run.
+/// Data that are kept of a run.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct KeepFile {

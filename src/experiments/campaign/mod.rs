@@ -1,8 +1,9 @@
 //! Campaigns: a scenario many times, with parameters that differ from run to run.
 //!
-//! [`Campaign::load`] reads `config/campaigns/*.yaml`. Run `n` has parameters that depend on the campaign's seed and on `n`
-//! only: [`Campaign::scenario_of`] is a scenario that `fuyu simulate` repeats to the bit, [`Campaign::run_one`] simulates
-//! it and [`run_range`] many of them, into a [`Dataset`] that it continues after a kill. [`Summary`] evaluates a dataset.
+//! [`Campaign::load`] reads `config/campaigns/*.yaml`. The parameters of run `n` depend on the campaign's seed and on `n`
+//! only. [`Campaign::scenario_of`] returns the scenario of a run, which `fuyu simulate` repeats to the bit.
+//! [`Campaign::run_one`] simulates one run, [`run_range`] a range of runs into a [`Dataset`]; after a kill it continues the
+//! dataset. [`Summary`] evaluates a dataset.
 
 mod dataset;
 mod dispersion;

@@ -116,7 +116,7 @@ impl<'de> Deserialize<'de> for Cell {
     }
 }
 
-/// What is known of a run.
+/// State and result of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// Number of the run, from 0.
@@ -144,7 +144,7 @@ pub struct Column {
     pub kind: ColumnKind,
 }
 
-/// What the cells of a column hold, unless they are empty.
+/// Type of the cells of a column, unless they are empty.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ColumnKind {

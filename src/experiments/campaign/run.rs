@@ -28,7 +28,7 @@ pub(super) fn too_long(limit: f64) -> String {
     format!("exceeded the time limit of {limit} s")
 }
 
-/// What a simulation gave.
+/// Result of a simulation.
 enum Outcome {
     Result(Value),
     Error(String),
@@ -278,7 +278,7 @@ impl Campaign {
     }
 }
 
-/// What a run gave that ended with `observed`.
+/// Result of a run that ended with `observed`.
 fn end_of(scenario: &Scenario, fleet: &Fleet, observed: Result<Vec<Observed>, Stop>) -> Outcome {
     let observed = match observed {
         Ok(observed) => observed,

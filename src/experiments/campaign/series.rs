@@ -63,7 +63,7 @@ impl SeriesRecorder {
             .push(std::iter::once(Cell::Number(time)).chain(cells).collect());
     }
 
-    /// Writes what was sampled.
+    /// Writes the samples.
     pub fn write(self, path: &Path) -> Result<(), String> {
         table::write(path, &self.columns, &self.rows)
     }

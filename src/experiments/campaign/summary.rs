@@ -154,7 +154,7 @@ pub struct Sensitivity {
 }
 
 impl Summary {
-    /// Evaluates what `dataset` has so far. `confidence` is that of the interval, in (0, 1).
+    /// Evaluates the runs that `dataset` has so far. `confidence` is the confidence level of the interval, in (0, 1).
     ///
     /// # Errors
     /// [`CampaignError`] if a file cannot be read.

@@ -1,4 +1,4 @@
-//! Which dispersions fit a parameter.
+//! Target of a dispersion: which dispersions fit a parameter.
 
 use fuyu_campaign::{Covariance, Distribution};
 use serde_json::Value;

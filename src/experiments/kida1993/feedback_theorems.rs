@@ -6,7 +6,7 @@ use fuyu_lti::{
 
 use super::random::Random;
 
-/// What direct feedback of rate (DVFB) and of rate and displacement (DVDFB) gave on random structures.
+/// Results of direct feedback of rate (DVFB) and of rate and displacement (DVDFB) on random structures.
 #[derive(Debug, Clone, Default)]
 pub struct DirectFeedback {
     /// Lemma 4.2: structures without rigid modes under DVFB, and how many were unstable.
@@ -104,7 +104,7 @@ pub fn direct_feedback(number: usize) -> Result<DirectFeedback, LtiError> {
     Ok(all)
 }
 
-/// What random proof-mass actuators gave.
+/// Results of random proof-mass actuators.
 #[derive(Debug, Clone, Default)]
 pub struct ProofMasses {
     /// Theorem 4.3, one undamped mode: loops that it calls stable, and those of them that are unstable.

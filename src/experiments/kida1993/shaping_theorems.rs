@@ -10,7 +10,7 @@ use std::f64::consts::FRAC_1_SQRT_2;
 
 use super::random::Random;
 
-/// What the theorems gave on random structures.
+/// Results of the theorems on random structures.
 #[derive(Debug, Clone, Default)]
 pub struct ShapingTheorems {
     /// Theorem 3.1: how often the extended system lost controllability or observability.

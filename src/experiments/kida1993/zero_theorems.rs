@@ -1,5 +1,5 @@
-//! Theorems 2.1 to 2.6: transmission zeros of structures from a symmetric eigenvalue problem of the modes, against a
-//! solver for any linear system, which knows nothing of structures.
+//! Theorems 2.1 to 2.6: transmission zeros of structures from a symmetric eigenvalue problem of the modes, compared with a
+//! solver for general linear systems.
 
 use fuyu_lti::{LtiError, StateSpace, Structure};
 use fuyu_structures::{FemModel, HybridModel, Matrices, StructureError, generalized_eigen};
@@ -7,7 +7,7 @@ use nalgebra::{Complex, DMatrix, DVector};
 
 use super::random::Random;
 
-/// What one theorem gave on random structures.
+/// Results of one theorem on random structures.
 #[derive(Debug, Clone, Default)]
 pub struct Checked {
     /// Its name.

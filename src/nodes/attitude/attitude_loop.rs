@@ -234,7 +234,7 @@ impl AttitudeLoop {
         Ok(())
     }
 
-    /// Adds a measurement of the star tracker. Returns what became of it.
+    /// Adds a measurement of the star tracker. Returns how it was processed.
     ///
     /// # Errors
     /// A value that is not finite.

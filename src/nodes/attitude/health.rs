@@ -1,4 +1,4 @@
-//! What the attitude node reports in `diagnostics` about each step.
+//! Diagnostics of the attitude node about each step.
 
 use std::time::{Duration, Instant};
 

@@ -27,7 +27,7 @@ pub(super) struct Inputs {
     newest: Newest,
 }
 
-/// Newest stamps of what a state consists of.
+/// Newest stamps of the messages of a state.
 #[derive(Debug, Default)]
 struct Newest {
     joints: Option<Stamp>,
@@ -133,7 +133,7 @@ fn stamp(stamp: &builtin_interfaces::Time) -> Stamp {
     Stamp::from_nanos(Time::from(stamp).as_nanos())
 }
 
-/// Calls `add` for every message that has arrived; what it refuses is reported.
+/// Calls `add` for every message that has arrived, and reports the messages that it refuses.
 fn each<M: crate::msg::Interface>(
     topic: &Subscription<M>,
     refusals: &mut Refusals,

@@ -1,4 +1,4 @@
-//! The law in force: its change while the node runs, and its stability in the postures that occur.
+//! The present attitude law: its replacement while the node runs, and its stability in the postures that occur.
 
 use std::time::{Duration, Instant};
 

@@ -1,4 +1,4 @@
-//! What the attitude node publishes: `wheel_commands`, `thruster_commands` and `attitude/state`.
+//! Messages that the attitude node publishes: `wheel_commands`, `thruster_commands` and `attitude/state`.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -28,7 +28,7 @@ pub struct AttitudeMessages {
     pub wheels: JointState,
     /// On-times of the thrusters.
     pub thrusters: ThrusterCommands,
-    /// What the controller estimated, decided and sent.
+    /// Estimates, decisions and commands of the controller.
     pub state: AttitudeState,
 }
 

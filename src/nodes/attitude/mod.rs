@@ -1,9 +1,9 @@
 //! The attitude node: gyro, star tracker, wheels and joints in, torques of wheels and on-times of thrusters out.
 //!
-//! It feeds an [`AttitudeLoop`] and publishes its output; filter, law, feed-forward, allocation, ages and fallbacks are
-//! those of [`control::attitude`](crate::control::attitude). It subscribes to nothing under `ground_truth/`. Wheels,
-//! thrusters and appendages are parameters, as those of the dynamics node: what the node knows may differ from what is
-//! simulated. Parameters below `/**` in a file are for both nodes.
+//! The node feeds an [`AttitudeLoop`] and publishes its output; filter, law, feed-forward, allocation, ages and fallbacks
+//! are those of [`control::attitude`](crate::control::attitude). It subscribes to nothing under `ground_truth/`. Wheels,
+//! thrusters and appendages are parameters of this node, too, so its model of the robot may differ from the simulated robot.
+//! Parameters below `/**` in a file are for both nodes.
 //!
 //! When the node is deactivated it commands zero torque and closed valves once, and then nothing.
 

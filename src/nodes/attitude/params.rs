@@ -19,7 +19,7 @@ use crate::{
 /// Parameters of the attitude node; all but `law` are read once, at the start.
 #[derive(Debug, Clone)]
 pub struct AttitudeParams {
-    /// What the node knows of the robot besides its description: appendages, elastic joints, wheels, thrusters.
+    /// Parts of the robot that its description lacks: appendages, elastic joints, wheels, thrusters.
     pub flexible: FlexibleParams,
     /// Law in force.
     pub law: NamedLaw,

@@ -1,8 +1,8 @@
 //! The camera node: from the true state of the simulation to the measurements of a camera on the moving base.
 //!
-//! It is the only node that may know where the base is. It publishes the poses of tip and goal in the base frame, and the
-//! feature points of a target in the image, with the rate, latency, noise and losses of its parameters. On request it renders
-//! images ([`images`]).
+//! The node reads ground truth and turns it into measurements, so that controller and estimator need none. It publishes the
+//! poses of tip and goal in the base frame, and the feature points of a target in the image, with the rate, latency, noise
+//! and losses of its parameters. On request it renders images ([`images`]).
 
 mod feature_params;
 pub mod images;

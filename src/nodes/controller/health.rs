@@ -1,4 +1,4 @@
-//! What the controller node reports in `diagnostics` about each step.
+//! Diagnostics of the controller node about each step.
 
 use crate::{
     control::{ControlMode, InputStatus, LoopReport},

@@ -20,7 +20,7 @@ use crate::{
 
 pub(super) struct Inputs {
     joint_states: Subscription<JointState>,
-    /// What the camera measures, by tip.
+    /// Camera measurements, by tip.
     tips: Vec<TipTopics>,
     imu: Subscription<Imu>,
     target_rate: Subscription<Vector3Stamped>,

@@ -1,4 +1,4 @@
-//! What the controller publishes: `joint_commands` and `controller/state`.
+//! Messages that the controller publishes: `joint_commands` and `controller/state`.
 
 use super::super::geometry::vector_to_msg;
 use crate::{
@@ -25,7 +25,7 @@ pub fn measured_errors(state: &ControllerState) -> Option<(f64, f64)> {
 pub struct ControllerMessages {
     /// Efforts to apply, stamped with the joint state that they answer.
     pub command: JointState,
-    /// What the controller measured, decided and sent.
+    /// Measurements, decisions and commands of the controller.
     pub state: ControllerState,
 }
 

@@ -1,9 +1,9 @@
 //! The controller node: joint states and camera measurements in, joint efforts out.
 //!
-//! It feeds a [`ControlLoop`] and publishes its output; pairing, ages, timeouts and fallbacks are the loop's. It never
-//! learns where the base is: it subscribes to nothing under `ground_truth/`, nor to `/tf`.
+//! The node feeds a [`ControlLoop`] and publishes its output; the loop does pairing, ages, timeouts and fallbacks. The node
+//! does not know the base's pose in the world: it subscribes to nothing under `ground_truth/`, nor to `/tf`.
 
-mod delay;
+mod delay_notices;
 mod health;
 mod inputs;
 mod messages;
@@ -24,7 +24,7 @@ use crate::{
     msg::{fuyu_msgs::ControllerState, sensor_msgs::JointState},
     ros::{Lifecycle, Node, NodeError, Publisher, Transition},
 };
-use delay::DelayNotices;
+use delay_notices::DelayNotices;
 use health::Health;
 use inputs::Inputs;
 use params::Live;
@@ -100,7 +100,7 @@ impl Work {
         })
     }
 
-    /// Takes what has arrived, and answers the joint states that are due.
+    /// Takes messages that have arrived, and answers the joint states that are due.
     fn turn(
         &mut self,
         node: &Node,
@@ -163,7 +163,7 @@ impl Work {
         Ok(())
     }
 
-    /// Takes what has arrived without answering it: the node is not active.
+    /// Takes messages that have arrived without answering them: the node is not active.
     fn ignore(&mut self) {
         if let Some(robot) = &mut self.robot {
             (self.inputs).feed(&mut robot.control_loop, &self.health.control);

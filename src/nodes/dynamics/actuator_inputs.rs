@@ -1,8 +1,8 @@
 //! Commands of wheels and thrusters: the topics `wheel_commands` and `thruster_commands`.
 //!
-//! A torque is held until the next command, and is zero when commands end, as joint efforts are. A thruster is on for the
-//! time that its command states, which replaces what is left of an earlier one. In lockstep with `wheel_commands` in
-//! `lockstep_on`, a state waits for the wheel command that carries its stamp.
+//! A wheel's torque is held until the next command and becomes zero when commands end, as joint efforts do. A thruster is on
+//! for the time in its command, which replaces the remaining time of an earlier command. In lockstep with `wheel_commands`
+//! in `lockstep_on`, a state waits for the wheel command that carries its stamp.
 
 use super::{
     motions::Refusals, params::DynamicsParams, simulation::Simulation, step_status::StepStatus,
@@ -89,7 +89,7 @@ impl ActuatorInputs {
         !self.is_awaited || self.is_answered
     }
 
-    /// What is known about a command that does not arrive; `None` if none is awaited.
+    /// Known reasons for a command that does not arrive; `None` if no command is awaited.
     pub fn waits_for(&self) -> Option<String> {
         let topic = self.wheels.as_ref()?.topic();
         (!self.may_advance()).then(|| format!("no command with its stamp has arrived on {topic}"))
@@ -100,7 +100,7 @@ impl ActuatorInputs {
         self.is_answered = false;
     }
 
-    /// Drops what waits.
+    /// Drops waiting messages.
     pub fn discard(&mut self) {
         while self
             .wheels

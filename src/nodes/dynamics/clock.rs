@@ -1,10 +1,10 @@
-//! The simulation's clock: its phase, and whether and when simulated time may advance.
+//! The simulation's clock: stopped, playing or paused; whether and when simulated time may advance.
 
 use std::time::{Duration, Instant};
 
 use super::{params::DynamicsParams, real_time_pacing::RealTimePacing};
 
-/// What simulated time does without requests for single steps.
+/// State of simulated time without requests for single steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
     /// It stands still at the start.

@@ -182,7 +182,7 @@ impl CommandHandler {
         }
     }
 
-    /// What is wrong if the answers have acted late for a while; logged once.
+    /// A line if the answers have acted late for a while; logged once.
     fn delay_problem(&mut self) -> Option<String> {
         let delay = self.responses.delay().as_secs_f64();
         self.late_in_a_row = match delay > LATE_PERIODS * self.period {
@@ -207,7 +207,7 @@ impl CommandHandler {
         Some(problem)
     }
 
-    /// What is known about a command that does not arrive.
+    /// Known reasons for a command that does not arrive.
     pub fn waits_for(&self) -> String {
         let topic = self.commands.topic();
         match (&self.refusal, self.arbiter.holder()) {

@@ -20,7 +20,7 @@ use crate::{
     spatial::Pose,
 };
 
-/// What names the robot as a whole in `contact.pairs`, besides its description's name.
+/// Name of the whole robot in `contact.pairs`, in addition to its description's name.
 const ROBOT: &str = "robot";
 
 /// A shape on a link.
@@ -28,7 +28,7 @@ const ROBOT: &str = "robot";
 struct Solid {
     /// The link's frame in the model.
     frame: String,
-    /// What messages and events call the link.
+    /// Name of the link in messages and events.
     label: String,
     /// Name of the `<collision>` element.
     element: Option<String>,
@@ -44,7 +44,7 @@ struct Placed<'a> {
     collider: ColliderId,
 }
 
-/// What contacts are made of.
+/// Input from which contacts are made.
 pub(super) struct Contacts {
     params: ContactParams,
     /// Longest step of the bodies' own integrators \[s\].

@@ -10,7 +10,7 @@ const MAX_SPEED: f64 = 1e6;
 /// Largest distance of a body from the world's origin \[m\]: the width of the solar system.
 const MAX_DISTANCE: f64 = 1e13;
 
-/// What is not finite in a body's motion, or beyond all measure; `None` if all is well.
+/// A quantity of a body's motion that is not finite or too large; `None` if there is none.
 pub fn of(body: &(impl FreeBody + ?Sized)) -> Option<String> {
     let state = body.state();
     let joints = body.model().joints().iter();

@@ -53,7 +53,7 @@ impl Wave {
     }
 }
 
-/// Waves on joints, wheels and links of one robot, in addition to what is commanded.
+/// Waves on joints, wheels and links of one robot, in addition to commands.
 #[derive(Debug, Default)]
 pub struct Excitations {
     /// Joint, amplitude \[N m or N\], and wave.
@@ -171,7 +171,7 @@ impl Excitations {
         acting.map(move |(wrench, wave)| (wrench, wave.at(time)))
     }
 
-    /// Remembers what `robot` holds, before [`Self::add`].
+    /// Saves the held input of `robot`, before [`Self::add`].
     pub fn save(&mut self, robot: &Robot) {
         let (efforts, torques) = &mut self.held;
         efforts.copy_from_slice(robot.efforts().as_slice());
@@ -180,7 +180,7 @@ impl Excitations {
         }
     }
 
-    /// Lets `robot` hold what it held at [`Self::save`].
+    /// Restores the held input of `robot` at [`Self::save`].
     pub fn restore(&self, robot: &mut Robot) {
         let (efforts, torques) = &self.held;
         robot

@@ -1,5 +1,5 @@
-//! Wrenches from outside on links of the robot, and what they have changed; steps of the robot under these wrenches,
-//! its thrusters and excitations.
+//! External wrenches on links of the robot, with the momentum and work that they have added; steps of the robot under these
+//! wrenches, its thrusters and excitations.
 
 use nalgebra::Vector3;
 
@@ -38,7 +38,7 @@ pub struct ExternalWrench {
     pub is_streamed: bool,
 }
 
-/// What wrenches have changed since the start.
+/// Momentum and work that external wrenches have added since the start.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ExternalChange {
     /// Change of momentum in world axes.
@@ -129,7 +129,7 @@ impl ExternalWrenches {
         self.change = ExternalChange::default();
     }
 
-    /// Saves what they have changed so far, before steps that may diverge.
+    /// Saves the change so far, before steps that may diverge.
     pub fn save_change(&mut self) {
         self.saved = self.change;
     }
@@ -142,7 +142,7 @@ impl ExternalWrenches {
         self.change = self.saved;
     }
 
-    /// What they have changed; `None` if none has acted.
+    /// The change of momentum and the work; `None` if no wrench has acted.
     pub fn change(&self) -> Option<&ExternalChange> {
         self.has_acted.then_some(&self.change)
     }
@@ -246,7 +246,7 @@ impl ExternalWrenches {
         }
     }
 
-    /// Adds what a step has changed.
+    /// Adds the change of a step.
     fn record(&mut self, robot: &Robot, before: &Before) {
         let (state, momentum_W) = (whole(robot), robot.whole_momentum());
         self.change.momentum_W.linear += momentum_W.linear - before.momentum_W.linear;

@@ -1,4 +1,4 @@
-//! What a rigid robot, a robot with flexible parts and a target have in common: a base with pose and twist.
+//! Interface of a rigid robot, a robot with flexible parts and a target: a base with pose and twist, momentum and energy.
 
 use nalgebra::Isometry3;
 

@@ -19,7 +19,7 @@ pub struct RigidRobot {
     touching: Option<Box<Touching>>,
 }
 
-/// What the robot holds.
+/// The targets that the robot holds.
 struct Held {
     /// Name of the target.
     target: String,

@@ -72,7 +72,7 @@ impl ImuParams {
     }
 }
 
-/// What the unit measures now. It does not measure orientation. There is no gravity, and the unit feels forces on
+/// The present measurement. The unit does not measure orientation. There is no gravity, and the unit feels forces on
 /// the base, so the accelerometer's reading is the acceleration of the base frame's origin.
 ///
 /// The noise depends on the seed and on the number of the state only, so a state that is published twice has one

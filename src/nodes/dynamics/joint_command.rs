@@ -2,7 +2,7 @@
 
 use crate::{model::Model, msg::sensor_msgs::JointState};
 
-/// What a command gives for a joint.
+/// Setpoint of a command for a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Setpoint {
     /// Effort to hold \[N m or N\].

@@ -21,7 +21,7 @@ const SERVO_PERIOD: f64 = 0.5;
 /// per s\].
 const LOST: (f64, f64) = (0.05, 0.5);
 
-/// What the drive of a joint does.
+/// Mode of the drive of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     /// It holds an effort.
@@ -34,7 +34,7 @@ enum Kind {
     Gripper,
 }
 
-/// What the drives of all joints do, but for those of grippers.
+/// Mode of the drives of all joints except grippers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DriveMode {
     /// They hold efforts.
@@ -118,7 +118,7 @@ impl JointDrive {
         })
     }
 
-    /// What the drives do.
+    /// Mode of the drives.
     pub fn mode(&self) -> DriveMode {
         if self.motion.is_some() {
             return DriveMode::Motion;
@@ -216,7 +216,7 @@ impl JointDrive {
         self.command(robot, setpoints).is_some()
     }
 
-    /// Begins a motion of all joints at `time` \[s\] in place of what they do.
+    /// Begins a motion of all joints at `time` \[s\], which replaces their commands.
     pub fn begin(&mut self, robot: &Robot, motion: ArmMotion, time: f64) {
         // It may end before its first step.
         self.reference = self.present(robot);

@@ -320,14 +320,14 @@ pub(super) fn update_momentum(
     message.dissipated_energy = body.state().dissipated.total() + body.lost_energy();
 }
 
-/// What has changed of the robot from outside since the start.
+/// External impulse and work on the robot since the start.
 pub fn external_impulse(stamp: Time, change: &ExternalChange) -> fuyu_msgs::ExternalImpulse {
     let mut message = external_impulse_message();
     update_external_impulse(&mut message, stamp, change);
     message
 }
 
-/// A message of what external wrenches have changed, to be updated.
+/// Message with the external impulse, to be updated.
 pub(super) fn external_impulse_message() -> fuyu_msgs::ExternalImpulse {
     fuyu_msgs::ExternalImpulse {
         header: header(Time::ZERO, WORLD),

@@ -8,22 +8,22 @@
 //!
 //! # What a command does
 //!
-//! A message on `joint_commands` that fills `effort` sets efforts to hold. One that fills `velocity` sets rates that a
-//! servo in the robot's drives ([`VelocityServo`](crate::control::VelocityServo)) drives the joints to, within its
-//! bandwidth and the joints' effort limits; `position` sets positions that a stiff servo holds. Joints that a command
-//! does not name keep what they do. When commands end, held efforts become zero, which lets the arm coast, driven rates
-//! become zero, which stops it, and positions stay held (`joint_drive`).
+//! In a message on `joint_commands`, `effort` sets efforts to hold. `velocity` sets rates: a servo in the robot's drives
+//! ([`VelocityServo`](crate::control::VelocityServo)) brings the joints to these rates, within its bandwidth and the joints'
+//! effort limits. `position` sets positions that a stiff servo holds. Joints that a command does not name keep their
+//! command. When commands end, held efforts become zero (the arm coasts), commanded rates become zero (the arm stops), and
+//! positions stay held (`joint_drive`).
 //!
 //! Motions of the whole arm are joint trajectories (topic and action), paths and twists of the tip (`motions`). Each
-//! begins with the joints' present motion, and holds the arm when it is over. Wrenches from outside act on any link
-//! (`wrench_inputs`, `external_wrenches`). Excitations of the scenario add sine waves and pulses to all of these
-//! (`excitations`).
+//! begins with the joints' present motion, and holds the arm when it is over. External wrenches act on any link
+//! (`wrench_inputs`, `external_wrenches`). Excitations of the scenario add sine waves and pulses to efforts, wheel torques
+//! and wrenches (`excitations`).
 //!
 //! Torques of wheels are held as joint efforts are, thrusters are on for the time that their command states
 //! (`actuator_inputs`).
 //!
-//! The robot can hold targets: their frames latch at a time, when they come close, or on command, and move as one system
-//! from then on (`grasps`, `world::grasping`).
+//! The robot can hold targets: a frame of the robot and a frame of a target latch at a given time, when they are close, or
+//! on command; robot and target are one system from then on (`grasps`, `world::grasping`).
 //!
 //! Grippers are joints that only their actions move (`gripper_actions`, `gripper_drive`).
 //!
@@ -33,9 +33,9 @@
 //! Several robots in one world have a dynamics node each; one owns the time, the others follow `/clock`
 //! (`shared_time`).
 //!
-//! One commander at a time; others are refused until it ends or is silent for `command_timeout`
-//! (`command_arbiter`). Efforts beyond a joint's limit are cut to it, those beyond `max_effort` are refused
-//! (`joint_command`).
+//! One commander at a time commands the joints; others are refused until it has left or is silent for `command_timeout`
+//! (`command_arbiter`). Efforts beyond a joint's limit are cut to the limit; a command with an effort beyond `max_effort` is
+//! refused (`joint_command`).
 //!
 //! # Parts
 //!

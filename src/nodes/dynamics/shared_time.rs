@@ -1,10 +1,10 @@
 //! One time for several robots, each simulated by a dynamics node of its own.
 //!
-//! The node of the robot that the parameter `robots` names first publishes `/clock`; the others simulate up to the time
-//! that it shows. At the start, and after a reset, the first one waits until all others have published their first state,
-//! and then their second one: a robot with `start_on_command` publishes that after its first command. Later it waits, before
-//! it goes on, until the others have published the state of that time: in lockstep always, otherwise for `answer_timeout`,
-//! and only for those that have published the state before in time.
+//! The node of the first robot in the parameter `robots` publishes `/clock`; the others simulate up to the time of `/clock`.
+//! At the start, and after a reset, the first robot's node waits until all others have published their first state, and then
+//! their second state, which a robot with `start_on_command` publishes after its first command. Later, before each tick, it
+//! waits until the others have published their states of the present time: in lockstep always; otherwise for
+//! `answer_timeout`, and only for nodes that have published their previous state in time.
 
 use std::time::{Duration, Instant};
 
@@ -21,7 +21,7 @@ const STANDS_STILL: Duration = Duration::from_secs(1);
 /// Most publishers of `/clock` that are reported for not being of the owner of the time.
 const MOST_STRANGERS: usize = 16;
 
-/// What a node has to do with the time of the world.
+/// Role of a node for the time of the world.
 pub enum SharedTime {
     /// There is no other robot.
     Alone,
@@ -67,7 +67,7 @@ impl Ticks {
     }
 }
 
-/// What another robot has published since the start or the last reset.
+/// States that another robot has published since the start or the last reset.
 #[derive(Debug, Default)]
 struct Progress {
     /// Stamp of its last state.
@@ -182,7 +182,7 @@ fn is_in_namespace(name: &str, namespace: &str) -> bool {
 }
 
 impl SharedTime {
-    /// What `node` has to do.
+    /// Role of `node`.
     ///
     /// # Errors
     /// When the parameter `robots` does not name the node's namespace, or the node cannot subscribe.
@@ -216,7 +216,7 @@ impl SharedTime {
         })
     }
 
-    /// Takes what has arrived.
+    /// Takes messages that have arrived.
     pub fn take(&mut self) {
         match self {
             Self::Alone => {}
@@ -354,7 +354,7 @@ impl SharedTime {
         }
     }
 
-    /// What time waits for after the state of `time` \[s\].
+    /// The robots that time waits for after the state of `time` \[s\].
     pub fn waits_for(&self, time: f64) -> String {
         match self {
             Self::Alone => String::new(),

@@ -275,7 +275,7 @@ impl<'a> Simulation<'a> {
         self.commands.may_advance(is_moving) && inputs.is_none_or(ActuatorInputs::may_advance)
     }
 
-    /// What is known about a command that does not arrive.
+    /// Known reasons for a command that does not arrive.
     fn waits_for(&self) -> String {
         let inputs = self.actuator_inputs.as_ref();
         let wheels = inputs.and_then(ActuatorInputs::waits_for);
@@ -480,7 +480,7 @@ impl<'a> Simulation<'a> {
     }
 }
 
-/// Logs what the world contains, and what of it cannot be simulated as described.
+/// Logs the contents of the world, and the parts of the descriptions that cannot be simulated.
 fn log_world(params: &DynamicsParams, world: &World) {
     let robot = world.robot.model();
     if let Some(missing) = world.not_simulated() {

@@ -1,4 +1,4 @@
-//! Diagnostics of simulated time: whether it advances, how fast, and what it waits for.
+//! Diagnostics of simulated time: whether it advances, how fast, and the cause of a wait.
 
 use super::{clock::Phase, params::DynamicsParams, step_status::StepStatus};
 use crate::ros::{Node, Time};

@@ -10,7 +10,7 @@ use crate::dynamics::{
 /// The link of a collider.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Label {
-    /// What messages and events call it: a link of the robot, a target, or `TARGET/LINK`.
+    /// Its name in messages and events: a link of the robot, a target, or `TARGET/LINK`.
     pub link: String,
     /// The robot (0) or the target (its number from one).
     pub system: usize,
@@ -118,7 +118,7 @@ impl Touching {
         robot.input_mut().copy_from(self.world.systems()[0].input());
     }
 
-    /// Shows what a step from `start` \[s\] has done.
+    /// Records contacts and events of a step from `start` \[s\].
     fn finish(&mut self, stepped: Result<(), String>, start: f64, robot: &mut Floating) {
         if let Err(e) = stepped {
             self.failure = Some(e);
@@ -154,7 +154,7 @@ impl Touching {
         first.unwrap_or(collider.index())
     }
 
-    /// What has begun or ended since the last call.
+    /// Contacts that have begun or ended since the last call.
     pub(super) fn take_events(&mut self) -> std::vec::Drain<'_, LinkEvent> {
         self.events.drain(..)
     }

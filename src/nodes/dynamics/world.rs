@@ -40,7 +40,7 @@ use crate::{
     vision::{StarTracker, StarTrackerFrame},
 };
 
-/// What messages call the robot.
+/// Name of the robot in messages.
 const ROBOT: &str = "the robot";
 
 /// The robot and the free bodies. They share time, and grasps and contacts if there are any.
@@ -199,7 +199,7 @@ impl World {
         self.star_tracker.is_some()
     }
 
-    /// What the robot's description contains but is not simulated, as a line; `None` if all of it is.
+    /// Parts of the robot's description that are not simulated, as a line; `None` if there are none.
     pub fn not_simulated(&self) -> Option<&str> {
         self.not_simulated.as_deref()
     }
@@ -380,7 +380,7 @@ impl World {
         (self.drive).command(&mut self.robot, setpoints.iter().copied())
     }
 
-    /// Begins a motion of all joints in place of what they do.
+    /// Begins a motion of all joints, which replaces their commands.
     pub(super) fn begin(&mut self, motion: ArmMotion) {
         self.backup.command();
         self.drive.begin(&self.robot, motion, self.time.now());
@@ -439,7 +439,7 @@ impl World {
         &mut self.wrenches
     }
 
-    /// What the joints' drives do.
+    /// Mode of the joints' drives.
     pub(super) fn drive_mode(&self) -> DriveMode {
         self.drive.mode()
     }
@@ -561,7 +561,7 @@ fn limited(described: &Model, acceleration: f64) -> (Model, (Vec<String>, f64)) 
     }
 }
 
-/// What of the joints is not simulated, if it is asked for: always, or near other bodies.
+/// Line on joint physics that is requested but not simulated, always or near other bodies.
 fn not_simulated(robot: &Robot, params: &DynamicsParams) -> Option<String> {
     let settings = &params.joint_physics;
     if let Some(robot) = robot.flexible() {

@@ -60,7 +60,7 @@ impl WrenchInputs {
         })
     }
 
-    /// Drops what waits, and answers calls with `reason`.
+    /// Drops waiting messages, and answers calls with `reason`.
     pub fn discard(&mut self, reason: &str) {
         while self.wrenches.take().is_some() {}
         while let Some(call) = self.apply.take() {

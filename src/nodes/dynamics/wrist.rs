@@ -1,4 +1,4 @@
-//! The force and torque sensor in a joint: what the part of the robot beyond it exerts on the rest.
+//! The force and torque sensor in a joint: the wrench that the part of the robot beyond the joint exerts on the rest.
 
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -83,7 +83,7 @@ impl WristParams {
 /// The sensor in its robot.
 pub(super) struct Wrist {
     params: WristParams,
-    /// First body beyond the joint; its subtree is what the sensor carries.
+    /// First body beyond the joint; the sensor carries its subtree.
     body: usize,
     frame: Frame,
     /// Frames of all bodies.
@@ -206,7 +206,7 @@ impl Wrist {
 }
 
 impl World {
-    /// What the force and torque sensor measures now, in its link's axes; `None` without one.
+    /// Present measurement of the force and torque sensor, in its link's axes; `None` without a sensor.
     pub fn wrist_wrench(&mut self) -> Option<Wrench> {
         let mut wrist = self.wrist.take()?;
         let tick = self.ticks();

@@ -1,7 +1,8 @@
 //! Estimator node: estimates the motion of a tumbling target from feature tracks, and predicts its attitudes.
 //!
-//! Inputs are the camera's features and the base's gyro, nothing else. Batch solutions over a window of frames run on a
-//! separate thread; a [`MotionTracker`](crate::estimation::MotionTracker) continues the last one from frame to frame.
+//! Inputs are the camera's features and calibration, the base's gyro, and the mounting of both sensors (`/tf_static`). Batch
+//! solutions over a window of frames are computed in a separate thread; a [`MotionTracker`](crate::estimation::MotionTracker)
+//! continues the last solution from frame to frame.
 
 mod camera_attitude;
 mod frame_queue;

@@ -1,9 +1,9 @@
-//! What the operator's client publishes: topics that the nodes read and no node writes, such as `joy` and `goal_pose`.
+//! Topics that the operator's client publishes: topics that nodes read and no node writes, such as `joy` and `goal_pose`.
 //!
-//! A command counts only from the client that has control. Commands of the steering (`joy`, `cmd_vel`) that arrive much later than
-//! usual were held up on their way and are dropped. When control ends, for whatever reason, the last command of the
-//! steering is repeated with everything released, so that the arm stops at once and not only after the timeout of the node
-//! teleop.
+//! Only commands of the client that has control are accepted. Steering commands (`joy`, `cmd_vel`) that arrive much later
+//! than usual have been delayed in the network and are dropped. When control ends, for whatever reason, the last steering
+//! command is repeated with all axes and buttons released, so that the arm stops at once and not only after the timeout of
+//! the teleop node.
 
 use std::{
     collections::BTreeMap,

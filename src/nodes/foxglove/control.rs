@@ -1,4 +1,4 @@
-//! Who operates: one client at a time, for as long as it is heard.
+//! Who operates: one client at a time, as long as its messages arrive.
 
 use std::time::{Duration, Instant};
 
@@ -12,7 +12,7 @@ const DRIFT: f64 = 1e-3;
 pub struct Control<C> {
     timeout: Duration,
     holder: Option<Holder<C>>,
-    /// The last client that was silent for too long. What it has sent in the meantime must not give it control again.
+    /// The last client that was silent for too long. Its delayed messages must not give it control again.
     silent: Option<C>,
     /// Delays of the clients that have had control, the last one at the end. A client that takes it again after the network was
     /// stalled has commands on their way that are as late as those before.

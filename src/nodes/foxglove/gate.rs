@@ -83,11 +83,11 @@ pub struct Routes {
     pub origins: Origins,
 }
 
-/// The way in for operators.
+/// The server for operators.
 pub struct Entry {
     /// Their server.
     pub server: SocketAddr,
-    /// What they must know.
+    /// The access token.
     pub token: String,
     /// The page that they open.
     pub page: Page,

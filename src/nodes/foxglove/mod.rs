@@ -52,7 +52,7 @@ const ANNOTATIONS: &str = "camera/annotations";
 /// Name of the background image below that prefix: the camera produces no pixels, and a viewer needs an image to draw on.
 const BACKGROUND: &str = "background";
 
-/// The operator's page and what admits to it.
+/// The operator's page and its access token.
 pub struct Cockpit {
     /// The page.
     pub page: Page,

@@ -100,7 +100,7 @@ impl Shared {
         Ok(new)
     }
 
-    /// The parameters called `names`, or all if there are no names, and what went wrong.
+    /// The parameters called `names`, or all if there are no names, and errors.
     fn get(&self, names: &[String]) -> (Vec<Shown>, Vec<String>) {
         let (mut shown, mut problems) = (Vec::new(), Vec::new());
         for (node, names) in self.by_node(names, &mut problems) {
@@ -155,7 +155,7 @@ impl Shared {
             .collect())
     }
 
-    /// Sets parameters; returns the values that they have now, and what went wrong.
+    /// Sets parameters; returns their new values, and errors.
     fn set(&self, wishes: &[Shown]) -> (Vec<Shown>, Vec<String>) {
         let names: Vec<_> = wishes.iter().map(|p| p.name.clone()).collect();
         let mut problems = Vec::new();

@@ -2,8 +2,8 @@
 //! the last message immediately, a gate refuses foreign web pages, clients that know the access token may operate, and
 //! all its threads end with it.
 //!
-//! Those who may operate have a server of their own, since the SDK's listener does not learn what a client has sent in its
-//! request. Both servers offer the same topics.
+//! Clients that may operate have a server of their own, since the SDK's listener does not get a client's request. Both
+//! servers offer the same topics.
 
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -42,13 +42,13 @@ pub struct Server {
 /// How long clients may take to close their connections when the server stops: one behind a stalled network never does.
 const FAREWELL: Duration = Duration::from_secs(1);
 
-/// What clients that know the access token may do.
+/// Rights of clients that know the access token.
 pub struct Operation {
     /// The secret.
     pub token: String,
     /// The page that they open.
     pub page: Page,
-    /// What they publish.
+    /// Topics that they publish.
     pub topics: Arc<ClientTopics>,
     /// Parameters that they read and set.
     pub parameters: Arc<dyn ParameterHandler>,

@@ -6,7 +6,7 @@ use crate::{
     ros::{Node, NodeError, PendingCall, ServiceClient},
 };
 
-/// Follows what the mission wants of the gripper.
+/// Follows the mission's commands to the gripper.
 pub(super) struct GripperServices {
     attach: ServiceClient<Trigger>,
     detach: ServiceClient<Trigger>,

@@ -1,4 +1,4 @@
-//! What the mission reads from messages, and its commands as messages.
+//! Conversion of messages to the mission's inputs, and of its commands to messages.
 
 use crate::{
     control::capture::{CaptureMission, Phase, RotationForecast},

@@ -1,17 +1,17 @@
 //! The mission node: captures a target that the estimator observes.
 //!
-//! It feeds a [`CaptureMission`] with joint states, gyro, measured poses of the grasp frame and the estimator's
-//! prediction, and answers every state with joint efforts, and with a couple on the base while it detumbles. It
-//! subscribes to nothing under `ground_truth/`. The couple goes out on `wrench`: it stands for thrusters, which a robot that
-//! grasps in a scenario cannot have yet.
+//! The node feeds a [`CaptureMission`] with joint states, gyro, measured poses of the grasp frame and the estimator's
+//! prediction. It answers every state with joint efforts, and while it detumbles also with a couple on the base. It
+//! subscribes to nothing under `ground_truth/`. The couple is published on `wrench`: it stands for ideal thrusters, since a
+//! robot that grasps in a scenario cannot have thrusters yet.
 //!
-//! A mission begins by the action `capture`, or by itself with `autostart`; the process of one that began by itself and was
-//! aborted by rule exits with 1. The services `~/hold`, `~/resume`, `~/skip`
-//! and `~/abort` (`std_srvs/Trigger`) are the operator's.
+//! A mission begins by the action `capture`, or by itself with `autostart`. If a mission that began by itself is aborted, but
+//! not by an operator, the process exits with 1. The services `~/hold`, `~/resume`, `~/skip` and `~/abort`
+//! (`std_srvs/Trigger`) are for the operator.
 
 mod gripper;
 mod messages;
-mod operator;
+mod operator_services;
 mod params;
 
 pub use messages::{StateTimer, couple, efforts, forecast, state};
@@ -48,7 +48,7 @@ use crate::{
     },
 };
 use gripper::GripperServices;
-use operator::Operator;
+use operator_services::Operator;
 
 /// Longest wait before goals and calls are looked at.
 const PATIENCE: Duration = Duration::from_millis(100);
@@ -143,7 +143,7 @@ impl Work {
         })
     }
 
-    /// Accepts a goal if none is being executed. It follows the mission that is under way, or begins one.
+    /// Accepts a goal if none is being executed. The goal follows the present mission, or begins a mission.
     fn take_goals(&mut self) {
         while let Some(request) = self.action.take_request() {
             if self.goal.is_some() || self.robot.is_none() {
@@ -173,7 +173,7 @@ impl Work {
         }
     }
 
-    /// Takes what has arrived, and answers the states.
+    /// Takes messages that have arrived, and answers the states.
     fn turn(&mut self) {
         while let Some(received) = self.joint_states.take() {
             let stamp = Time::from(&received.message.header.stamp);

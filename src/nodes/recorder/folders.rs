@@ -1,4 +1,4 @@
-//! Where peers may have bags written: the service `record` of any peer creates folders.
+//! Folders in which peers may have bags written: any peer can call the service `record`, which creates folders.
 
 use std::path::{Component, Path, PathBuf, absolute};
 

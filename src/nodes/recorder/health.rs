@@ -1,4 +1,4 @@
-//! What the recorder reports in `diagnostics`.
+//! Diagnostics of the recorder.
 
 use std::sync::Arc;
 

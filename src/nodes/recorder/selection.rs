@@ -24,7 +24,7 @@ pub struct Selection {
     pub exclude_topics: Vec<String>,
     /// Excluded topics whose full name this matches (in part).
     pub exclude_regex: Option<Regex>,
-    /// What a recorder in a namespace records if nothing is named; `None`: all topics.
+    /// Topics that a recorder in a namespace records if nothing is named; `None`: all topics.
     pub own_robot: Option<OwnRobot>,
 }
 

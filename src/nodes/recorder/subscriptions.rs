@@ -1,4 +1,4 @@
-//! The subscriptions of a recording: to topics that fuyu knows, and to those that appear, as long as they have publishers.
+//! The subscriptions of a recording: to fuyu's own topics, and to topics that appear, as long as they have publishers.
 
 use std::{
     collections::HashMap,
@@ -23,7 +23,7 @@ pub struct TopicSubscriptions {
     node: Node,
     session: Arc<RecordingSession>,
     selection: Selection,
-    /// Topics of fuyu with what they offer: a subscriber may request less.
+    /// Topics of fuyu with the QoS that they offer: a subscriber may request less.
     known: Vec<(String, Qos)>,
     topics: Mutex<Topics>,
 }
@@ -36,7 +36,7 @@ struct Topics {
     closed: bool,
 }
 
-/// What a topic's subscription is doing.
+/// State of a topic's subscription.
 enum State {
     /// It is being created, by one of the threads.
     Subscribing,

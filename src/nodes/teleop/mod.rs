@@ -4,13 +4,13 @@
 //! has priority over twists. A released button, an invalid message and a timeout stop the arm: zero rates, at once.
 //! Nothing is commanded before the operator has moved the arm for the first time.
 //!
-//! Commands are in the axes of the base, of the tip or of the world. The node measures the base only by its gyro: the
-//! world's axes follow from `base_orientation` at the first measurement and from the integrated `imu` measurements
-//! since. They drift as the gyro does. The method ([`Resolution`]) determines whether a command is motion in inertial space or
+//! Commands are in the axes of the base, of the tip or of the world. The node knows the base's attitude only by the gyro:
+//! from `base_orientation` at the first measurement and the integrated `imu` measurements since. So the world's axes drift
+//! as the gyro does. The method ([`Resolution`]) determines whether a command is motion in inertial space or
 //! relative to the base.
 
 mod base_attitude;
-mod operator;
+mod input_arbitration;
 mod operator_command;
 mod params;
 mod steering;
@@ -38,7 +38,7 @@ use crate::{
     ros::{Node, NodeError, Publisher, Status, Subscription},
 };
 use base_attitude::BaseAttitude;
-use operator::{OperatorInput, Request};
+use input_arbitration::{OperatorInput, Request};
 use operator_command::FrameNames;
 use params::Live;
 

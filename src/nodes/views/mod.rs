@@ -1,6 +1,6 @@
-//! The views node: publishes what RViz and Foxglove cannot display as `markers`.
+//! The views node: publishes `markers` of quantities that RViz and Foxglove cannot display by themselves.
 //!
-//! It uses ground truth. No other node reads what it publishes.
+//! It uses ground truth. No other node reads `markers`.
 
 mod appendages;
 mod draw;

@@ -1,4 +1,4 @@
-//! Controller: one law with everything around it that all laws share.
+//! Controller: one law, and the parts that all laws share (latency compensation, feed-forward, damping, bumpless transfer).
 
 #[cfg(test)]
 mod tests;
@@ -6,7 +6,7 @@ mod tests;
 use nalgebra::DVector;
 
 use super::bumpless_transfer::BumplessTransfer;
-use super::latency_compensation::LatencyCompensation;
+use super::camera_latency_compensation::LatencyCompensation;
 use super::prediction::Prediction;
 use super::singularity_escape::{ConvergenceMonitor, Progress};
 use super::{

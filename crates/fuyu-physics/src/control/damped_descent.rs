@@ -4,9 +4,9 @@ use nalgebra::{DVector, Vector3, Vector6};
 
 use super::PoseError;
 
-/// What is left to the goal.
+/// Remaining deviation from the goal.
 pub(super) struct Deviation<R> {
-    /// What a step reduces.
+    /// The quantity that a step reduces.
     pub residual: R,
     /// Square of the norm of `residual`.
     pub norm_squared: f64,
@@ -28,12 +28,12 @@ impl Deviation<Vector6<f64>> {
 
 /// A search for joint positions, or for a motion, that bring the tip to its goal.
 pub(super) trait TipSearch {
-    /// Where the search is.
+    /// Point of the search.
     type Point;
     /// Deviation from the goal in the coordinates of the steps.
     type Residual;
 
-    /// What is left to the goal.
+    /// Remaining deviation from the goal.
     fn deviation(&mut self, at: &Self::Point) -> Deviation<Self::Residual>;
 
     /// Whether this is close enough.

@@ -1,10 +1,10 @@
-//! Closed forms for stopping a tumbling body or stack: how long it takes, what remains, and which limits must hold.
+//! Closed forms for stopping a tumbling body, or robot and target together: time, remaining motion, necessary limits.
 //!
-//! A couple against the angular momentum `L` about the centre of mass shortens it without turning it, whatever the
-//! body's inertia and whatever its joints do; with `|L|' >= -τ` no couple of that size is faster (M. Athans, P.
-//! Falb and R. Lacoss, Time-, fuel-, and energy-optimal control of nonlinear norm-invariant systems, IEEE Trans.
-//! Automatic Control 8, 1963). A rigid body then passes through the attitudes of its free motion, ever more slowly
-//! ([`Slowdown`]).
+//! A couple against the angular momentum `L` about the centre of mass reduces the magnitude of `L` and keeps its direction,
+//! whatever the body's inertia and whatever its joints do. Since `|L|' >= -τ` for every couple of magnitude `τ`, none is
+//! faster (M. Athans, P. Falb and R. Lacoss, Time-, fuel-, and energy-optimal control of nonlinear norm-invariant systems,
+//! IEEE Trans. Automatic Control 8, 1963). A rigid body then passes through the attitudes of its free motion, ever more
+//! slowly ([`Slowdown`]).
 
 use std::f64::consts::FRAC_PI_4;
 

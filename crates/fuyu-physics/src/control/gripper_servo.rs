@@ -17,7 +17,7 @@ pub struct GripperServoConfig {
     pub max_rate: f64,
 }
 
-/// What a gripper is asked for.
+/// Goal of a gripper.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GripperGoal {
     /// Where its joint moves \[m or rad\].

@@ -1,4 +1,4 @@
-//! Joint PD control: the law of a fixed-base robot, which misses the goal on a free-floating one.
+//! Joint PD control: the law of a fixed-base robot; on a free-floating robot the tip misses its goal.
 
 use nalgebra::DVector;
 

@@ -82,7 +82,7 @@ impl LawInput<'_> {
     }
 }
 
-/// What the efforts of a law depend on.
+/// Input of a law.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LawStatus {
     /// Nothing: a measurement is missing. The efforts are not used; the joints are only damped.

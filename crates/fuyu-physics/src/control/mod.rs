@@ -1,6 +1,6 @@
 //! Control laws: joint efforts from joint states and measurements in the base frame.
 //!
-//! No law uses the pose of the base. A [`Measurement`] consists of joint positions and rates from encoders, of tip and
+//! No [`Law`] uses the pose of the base in the world. A [`Measurement`] consists of joint positions and rates from encoders, of tip and
 //! goal poses from a camera on the base, and of the base's angular velocity from a gyro.
 //!
 //! A [`Law`] computes joint efforts. A [`Controller`] runs one law: it compensates the latency of the camera, adds
@@ -10,12 +10,13 @@
 //!
 //! [`capture`] plans and runs the capture of a free target.
 //!
-//! [`commander`] has what joint trajectories, paths and twists of the tip need: the drives of a robot that others
-//! command.
+//! [`commander`] executes motions that another program commands: joint trajectories, paths and twists of the tip. For
+//! motions of the tip in the world it uses the base's true pose.
 
 pub mod attitude;
 mod auto_gains;
 mod bumpless_transfer;
+mod camera_latency_compensation;
 pub mod capture;
 pub mod commander;
 mod computed_torque;
@@ -23,8 +24,8 @@ mod config;
 mod control_loop;
 mod controller;
 mod damped_descent;
-mod delay_compensation;
 pub mod detumbling;
+mod effort_delay_compensation;
 mod effort_limits;
 mod feed_forward;
 #[cfg(test)]
@@ -34,7 +35,6 @@ mod gains;
 mod gripper_servo;
 mod inverse_kinematics;
 mod joint_pd;
-mod latency_compensation;
 mod law;
 mod law_config;
 mod linearised;
@@ -67,7 +67,7 @@ pub use control_loop::{
     StampPairs,
 };
 pub use controller::Controller;
-pub use delay_compensation::{DelayError, DelayStatus};
+pub use effort_delay_compensation::{DelayError, DelayStatus};
 pub use effort_limits::{outstretched_inertia, with_default_effort_limits};
 pub use feed_forward::{FeedForward, MovingGoal};
 pub use floating_inverse_kinematics::FloatingInverseKinematics;

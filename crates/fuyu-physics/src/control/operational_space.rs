@@ -1,4 +1,4 @@
-//! Control of one tip or several in operational space, with the inertia that they have on a free-floating robot.
+//! Control of one or several tips in operational space, with the tips' inertia on a free-floating robot.
 
 use nalgebra::{DMatrix, DVector, Matrix6xX, UnitQuaternion, Vector3, Vector6};
 

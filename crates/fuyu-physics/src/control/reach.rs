@@ -142,7 +142,7 @@ fn random_posture(model: &Model, q: &DVector<f64>, random: &mut StdRng) -> DVect
     DVector::from_iterator(q.len(), posture)
 }
 
-/// Joint positions and attitude of the base on the way.
+/// Joint positions and attitude of the base during the motion.
 #[derive(Debug, Clone)]
 struct Motion {
     path: Vec<DVector<f64>>,

@@ -2,7 +2,7 @@
 
 use super::{ConvergenceFailure, IkError, PoseError};
 
-/// What a controller did in one step, next to its efforts.
+/// Report of a controller on one step, in addition to its efforts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ControlReport {
     /// Deviation of the first tip that the law acted on; `None` without a camera measurement.

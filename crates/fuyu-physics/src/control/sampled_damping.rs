@@ -1,4 +1,4 @@
-//! Stability of joint damping that is sampled.
+//! Stability of sampled joint damping.
 
 use nalgebra::{DMatrix, DVector, linalg::Cholesky};
 

@@ -105,7 +105,7 @@ pub(super) struct ConvergenceMonitor {
     escapes: u32,
 }
 
-/// What [`ConvergenceMonitor`] observes at one instant.
+/// Input of [`ConvergenceMonitor`] at one instant.
 #[derive(Debug)]
 pub(super) struct Progress<'a> {
     /// Time \[s\].

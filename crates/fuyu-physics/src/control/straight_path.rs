@@ -1,4 +1,4 @@
-//! Transpose-Jacobian control whose tip follows the straight line to its goal.
+//! Transpose-Jacobian control that moves the tip on the straight line to its goal.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 

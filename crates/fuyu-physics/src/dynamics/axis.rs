@@ -14,7 +14,7 @@ pub(super) enum Axis {
 }
 
 impl Axis {
-    /// What moving along the axis takes of `wrench`: joint effort.
+    /// Component of `wrench` along the axis: the joint effort.
     #[inline]
     pub(super) fn effort(&self, wrench: &Wrench) -> f64 {
         match self {
@@ -23,7 +23,7 @@ impl Axis {
         }
     }
 
-    /// What moving at `rate` adds to the body's twist.
+    /// Twist that the joint's motion at `rate` adds to that of the body.
     #[inline]
     pub(super) fn twist(&self, rate: f64) -> Twist {
         match self {

@@ -42,7 +42,7 @@ impl TreeAcceleration {
     }
 }
 
-/// The equations of motion evaluated at a [`State`]: what an integrator needs.
+/// The equations of motion evaluated at a [`State`], for an integrator.
 #[derive(Debug, Clone)]
 pub struct Evaluation {
     /// Accelerations of base and joints.

@@ -179,8 +179,8 @@ impl Integrator {
     }
 
     /// Advances `state` by `dt` \[s\], with `forcing` evaluated at every stage. Afterwards `workspace` has positions
-    /// and motion of the new state. A negative `dt` goes back in time, without friction and limits: what they have
-    /// stopped looks like what was at rest.
+    /// and motion of the new state. A negative `dt` goes back in time, without friction and limits, since a joint that they
+    /// have stopped cannot be told from a joint that was at rest.
     ///
     /// # Panics
     /// If `state` or `workspace` is of another robot, or `forcing` changes the length of a vector.

@@ -1,4 +1,4 @@
-//! Explicit Runge-Kutta on a plain vector, for formulations whose state is one.
+//! Explicit Runge-Kutta methods for formulations whose state is a plain vector.
 
 use super::Tableau;
 

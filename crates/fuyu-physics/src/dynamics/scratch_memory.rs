@@ -7,7 +7,7 @@ use pulp::Arch;
 use super::kernel::{LinkScratch, SpatialForce, SubtreeMomentum, Tree};
 use crate::model::Model;
 
-/// What forward and inverse dynamics need of one robot: its compiled tree, and one entry per body in each list.
+/// Data of one robot for forward and inverse dynamics: its compiled tree, and one entry per body in each list.
 #[derive(Debug, Clone)]
 pub(super) struct DynamicsScratch {
     pub(super) model: Model,

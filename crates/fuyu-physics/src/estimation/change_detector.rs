@@ -2,9 +2,8 @@
 //!
 //! Two tests, both on innovations with unit covariance. Page's cumulative sum of their squares detects large changes
 //! within some frames. An exponentially weighted mean detects small ones: after a push the attitude drifts away from
-//! the prediction in a direction that stays, while noise changes its sign from frame to frame. Errors of the body's
-//! structure are the same from frame to frame, too; so both tests are relative to the level that the innovations have
-//! had while nothing happened.
+//! the prediction in a constant direction, while noise changes its sign from frame to frame. Errors of the body's
+//! structure are the same from frame to frame, too; so both tests are relative to the earlier level of the innovations.
 
 use nalgebra::Vector3;
 

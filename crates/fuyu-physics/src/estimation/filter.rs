@@ -1,7 +1,7 @@
 //! Recursive filter between batch solutions: an error-state Kalman filter of attitude, momentum and inertia.
 //!
 //! It starts from a batch [`Solution`] only, because its linearisation is not valid far from the truth. Its state
-//! ([`MotionState`]) are the constants of torque-free motion, momentum (inertial axes) and inertia ratios, the
+//! ([`MotionState`]) consists of the constants of torque-free motion (momentum in inertial axes, and inertia ratios), the
 //! attitude, and the angular acceleration due to torques. The body's position in a frame is solved from that frame
 //! and discarded, as in the batch; the structure is that of the batch.
 

@@ -44,7 +44,7 @@ impl GyroAttitude {
         self.last = None;
     }
 
-    /// Forgets what is older than `time` \[s\].
+    /// Discards samples older than `time` \[s\].
     pub fn forget_before(&mut self, time: f64) {
         // The sample before is needed for the attitude at `time`.
         let old = self.attitudes.partition_point(|(t, _)| *t <= time);

@@ -1,4 +1,4 @@
-//! State of a tumbling body at one time with its covariance: what batch and filter hand on.
+//! State of a tumbling body at one time with its covariance: the interface between batch solution and filter.
 
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};

@@ -1,4 +1,4 @@
-//! Motion tracker: the current motion from frame to frame, from the last batch solution and a filter that continues it.
+//! Motion tracker: owns the last batch solution and the filter that continues it, and gives the motion at every frame.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -33,7 +33,7 @@ pub struct BatchSolution {
     pub span: (f64, f64),
 }
 
-/// What the current motion was computed from.
+/// Source of the current motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotionSource {
     /// The last batch solution: there is no filter, or no frame has arrived since.

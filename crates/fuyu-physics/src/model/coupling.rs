@@ -1,4 +1,4 @@
-//! Mimic joints: joints whose position is a linear function of another's.
+//! Mimic joints: joints whose position is a linear function of another joint's position.
 //!
 //! A model with mimic joints has fewer coordinates than moving joints. With `q_t` the positions of all joints of the tree
 //! and `q` the coordinates, `q_t = S q + b`, where every row of `S` has one entry. Rates and accelerations follow with the

@@ -1,4 +1,4 @@
-//! Models made of others: two robots joined by a joint, and a robot with some of its joints locked.
+//! Models made from other models: two robots joined by a joint, and a robot with some of its joints locked.
 
 use nalgebra::{Rotation3, Translation3, Unit, Vector3};
 

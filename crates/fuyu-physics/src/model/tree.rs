@@ -130,7 +130,7 @@ struct Shared {
     compiled: OnceLock<Arc<dyn Any + Send + Sync>>,
 }
 
-/// What a robot consists of.
+/// Parts of a robot.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Parts {
     pub(super) name: String,

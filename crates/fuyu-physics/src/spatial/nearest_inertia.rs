@@ -1,4 +1,4 @@
-//! The rigid body whose mass properties are nearest to given ones that no rigid body has.
+//! The rigid body whose mass properties are nearest to given mass properties that no rigid body can have.
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 

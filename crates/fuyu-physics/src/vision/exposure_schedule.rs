@@ -14,7 +14,7 @@ pub(super) struct ExposureSchedule {
     last_shown: Option<f64>,
 }
 
-/// What happens at a time that is shown to the camera.
+/// Whether a time that is shown to the camera is that of an exposure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Exposure {
     /// No exposure: none is due, or this time was shown before.

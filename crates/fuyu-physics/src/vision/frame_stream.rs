@@ -1,4 +1,4 @@
-//! What all cameras have in common: rate, latency, lost frames and the random generator of their noise.
+//! Timing and losses that all cameras have in common: rate, latency, lost frames, and the random generator of their noise.
 
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 

@@ -38,7 +38,7 @@ impl Default for PoseCameraConfig {
     }
 }
 
-/// What one exposure measured.
+/// Measurement of one exposure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseFrame {
     /// Time of exposure \[s\].

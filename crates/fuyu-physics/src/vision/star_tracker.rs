@@ -34,7 +34,7 @@ impl Default for StarTrackerConfig {
     }
 }
 
-/// What one exposure measured.
+/// Measurement of one exposure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StarTrackerFrame {
     /// Time of exposure \[s\].
@@ -105,7 +105,7 @@ impl StarTracker {
         &self.config
     }
 
-    /// Changes accuracy and timing from now on; what was exposed before is still delivered.
+    /// Changes accuracy and timing from now on; earlier exposures are still delivered.
     pub fn set_config(&mut self, config: StarTrackerConfig) {
         self.stream.set_config(config.stream());
         self.config = config;

@@ -1,4 +1,5 @@
-//! Reads meshes: STL, OBJ, COLLADA, glTF. Files that a mesh refers to (materials, buffers, textures) are asked for by name.
+//! Reads meshes: STL, OBJ, COLLADA, glTF. Files that a mesh refers to (materials, buffers, textures) are requested from the
+//! caller by name.
 
 mod collada;
 mod gltf_file;

@@ -51,7 +51,7 @@ pub struct TopicSummary {
     pub encoding: String,
     /// RIHS01 hash of the type.
     pub type_hash: Option<String>,
-    /// What the recorded publishers offered.
+    /// QoS that the recorded publishers offered.
     pub qos: Vec<Qos>,
 }
 

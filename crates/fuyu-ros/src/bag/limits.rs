@@ -1,4 +1,4 @@
-//! What a bag may make its reader allocate.
+//! Limits of the memory that a reader allocates for a bag.
 //!
 //! Sizes in a file are claims. Lengths within a record must fit into it, and compressed data may expand to 64 MiB, or to
 //! 1000 times their size if that is more, but never beyond 1 GiB. Recordings of states expand two- to tenfold; a chunk of

@@ -170,7 +170,7 @@ fn metadata_record(metadata: &Metadata) -> MetadataRecord {
     }
 }
 
-/// A file that counts what is written to it, and waits when the disk is full.
+/// A file that counts the bytes written to it, and waits when the disk is full.
 struct Counted {
     file: BufWriter<File>,
     bytes: Arc<AtomicU64>,

@@ -34,7 +34,7 @@ pub struct RecordedTopic {
     pub schema: Vec<u8>,
     /// RIHS01 hash of the type.
     pub type_hash: Option<String>,
-    /// What the recorded publishers offered.
+    /// QoS that the recorded publishers offered.
     pub qos: Vec<Qos>,
 }
 

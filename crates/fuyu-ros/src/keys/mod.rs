@@ -1,9 +1,8 @@
 //! Keys and configurations for authenticated Zenoh: a certificate authority, a router that accepts only its
 //! certificates, and one configuration for each [`Role`], which says what its holder may do.
 //!
-//! Every configuration is one file that contains what it needs, so that it can be copied to another computer. The
-//! router enforces what roles may do ([`router`]); roles connect to it and to nobody else, so that nothing goes past
-//! it.
+//! Every configuration is one self-contained file, which can be copied to another computer. The router enforces the
+//! permissions of the roles ([`router`]). Sessions of a role connect to the router only, so that no message bypasses it.
 
 mod authority;
 mod role;
@@ -21,7 +20,7 @@ use std::{
 use authority::{Authority, Identity};
 pub use role::Role;
 
-/// What a set of keys is for.
+/// Options of a set of keys: address of the router, validity.
 #[derive(Debug, Clone)]
 pub struct KeyOptions {
     /// Host name or IP address of the router, as the others reach it.

@@ -13,9 +13,9 @@ pub enum Role {
     Viewer,
 }
 
-/// What every node publishes about itself.
+/// Topics that every node publishes about itself.
 const REPORTS: [&str; 3] = ["diagnostics", "rosout", "parameter_events"];
-/// What controllers publish. A `*` is one part of a name.
+/// Topics that controllers publish. A `*` is one part of a name.
 const CONTROL: [&str; 6] = [
     "joint_commands",
     "wheel_commands",
@@ -24,7 +24,7 @@ const CONTROL: [&str; 6] = [
     "attitude_state",
     "estimator/*",
 ];
-/// What operators publish.
+/// Topics that operators publish.
 const INPUTS: [&str; 8] = [
     "joy",
     "cmd_vel",

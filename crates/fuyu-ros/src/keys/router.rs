@@ -1,7 +1,7 @@
-//! Configuration of the router, which enforces what roles may do.
+//! Configuration of the router, which enforces the permissions of the roles.
 //!
-//! The flow `ingress` is what the holder of a certificate sends to the router, `egress` what the router sends to it.
-//! What no rule allows is denied. Keys of data are `domain/name/type/hash`, tokens of the graph begin with
+//! The flow `ingress` goes from the holder of a certificate to the router, `egress` from the router to the holder.
+//! All that no rule allows is denied. Keys of data are `domain/name/type/hash`, tokens of the graph begin with
 //! `@ros2_lv`, and caches of latched topics have keys with `@adv`, which `**` does not match.
 
 use super::{Role, authority::Authority, authority::Identity, tls};
@@ -47,7 +47,7 @@ impl Rule {
     }
 }
 
-/// What all roles may do: read, and be seen.
+/// Rights of all roles: read, and be discovered.
 fn reading() -> Vec<Rule> {
     let interests = &[
         "declare_subscriber",
@@ -64,7 +64,7 @@ fn reading() -> Vec<Rule> {
     ]
 }
 
-/// What a role may do besides.
+/// Further rights of a role.
 fn writing(role: Role) -> Vec<Rule> {
     let name = role.name();
     let id = |what| format!("{name}-{what}");

@@ -1,4 +1,4 @@
-//! ROS package [`action_msgs`](https://docs.ros.org/en/jazzy/p/action_msgs/): what all actions share.
+//! ROS package [`action_msgs`](https://docs.ros.org/en/jazzy/p/action_msgs/): types that all actions share.
 
 use super::{builtin_interfaces::Time, unique_identifier_msgs::UUID};
 

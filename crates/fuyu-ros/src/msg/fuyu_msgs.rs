@@ -1,5 +1,5 @@
-//! Messages of the space robot nodes of fuyu, for which the packages of ROS have none. The `.msg` files in `msg/` of
-//! that package are the text of these declarations.
+//! Messages of fuyu's space robot nodes that no ROS package has. The `.msg` files in fuyu's folder `msg/` are the text of
+//! these declarations.
 
 use super::geometry_msgs::{Point, Quaternion, Vector3};
 use super::std_msgs::Header;

@@ -82,7 +82,7 @@ impl<A: Action> ActionClient<A> {
         }))
     }
 
-    /// Takes the feedback of one goal out of what has been received.
+    /// Takes the feedback of one goal out of the received messages.
     fn take_feedback(&self, id: &UUID) -> Vec<A::Feedback> {
         let mut received = self.received.lock().unwrap_or_else(PoisonError::into_inner);
         while let Some(message) = self.feedback.take() {

@@ -9,7 +9,7 @@ const SUCCESSION: Duration = Duration::from_millis(300);
 /// The same after both have been seen to publish at the same time.
 const ABSENCE: Duration = Duration::from_secs(3);
 
-/// What a message on `/clock` does.
+/// Effect of a message on `/clock`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
     /// It sets the time.

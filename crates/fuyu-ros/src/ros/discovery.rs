@@ -1,4 +1,4 @@
-//! What is known of the topics of other nodes.
+//! Knowledge of the topics of other nodes.
 
 use std::collections::BTreeSet;
 

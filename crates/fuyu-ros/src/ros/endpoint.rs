@@ -48,13 +48,13 @@ pub(super) struct EndpointSpec {
     pub(super) internal: bool,
     /// Nodes of one participant share one DDS writer: of messages that name their node.
     pub(super) shared: bool,
-    /// What its samples are.
+    /// Role of its samples.
     pub(super) role: Role,
     /// Hash of the type as a peer or a bag states it, in place of that of `definition`.
     pub(super) stated_hash: Option<String>,
 }
 
-/// What the samples of an endpoint are.
+/// Role of the samples of an endpoint.
 #[derive(Debug, Clone, Copy)]
 #[cfg_attr(
     not(feature = "zenoh"),

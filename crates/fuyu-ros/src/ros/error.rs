@@ -1,4 +1,4 @@
-//! Errors that keep a node from starting or end it.
+//! Errors that prevent the start of a node, or end the node.
 
 use super::{
     CallError, args::ArgsError, context::DomainError, names::NameError, params::DeclareError,

@@ -1,7 +1,7 @@
 //! Cache of the graph: names and publishers of the nodes of other participants, as the transport discovers them.
 //!
 //! ROS allows two nodes with the same name; a service call or parameter change then reaches either of them. So a
-//! warning is logged when a node is discovered that has the name of one of this participant.
+//! warning is logged when a discovered node has the name of a node of this participant.
 
 use std::{
     collections::HashMap,

@@ -1,7 +1,7 @@
 //! The receiving thread of a node: runs the handlers of its subscriptions and services, one sample after the other.
 //!
 //! Handlers may take locks, publish, and create or drop endpoints. So they run neither in the thread that publishes nor in
-//! the one that receives from DDS: a slow handler delays its own node only.
+//! the thread that receives from the transport: a slow handler delays its own node only.
 
 use std::{
     collections::VecDeque,
@@ -37,7 +37,7 @@ struct State {
     closed: bool,
 }
 
-/// What the receiving thread is doing.
+/// State of the receiving thread.
 #[derive(Default, Clone, Copy)]
 enum Sleep {
     /// It runs handlers, and looks at the queue again before it sleeps.

@@ -1,8 +1,8 @@
 //! Replies to clients that have not been matched yet.
 //!
 //! A new client calls a service as soon as it knows the server's endpoints. At that time the server may know the client's
-//! request writer, but not yet its reply reader: a reply that is written then is not sent to it, and lost. So it is held
-//! until the reader has been matched.
+//! request writer, but not yet its reply reader: a reply that is written then is not sent to the client, and lost. So the
+//! reply is held until the reader has been matched.
 
 use std::{
     sync::{Mutex, MutexGuard, PoisonError},

@@ -1,9 +1,10 @@
 //! Delivery inside a participant: messages of its publishers reach its subscriptions in memory.
 //!
-//! A participant does not exchange messages with itself over its transport (DDS on loopback cannot, docs/upstream.md; elsewhere the
-//! receiving thread drops what comes from its own participant). Instead a publisher passes each message to the
-//! subscriptions of its topic in the same participant, in the thread that publishes, before it goes to DDS for the others.
-//! Subscriptions of the same Rust type share one copy; those that know the type by name only share the serialized bytes.
+//! A participant does not exchange messages with itself over its transport: DDS on loopback does not deliver them
+//! (docs/upstream.md), and elsewhere the receiving thread drops the messages of its own participant. Instead a publisher
+//! passes each message to the subscriptions of its topic in the same participant, in the thread that publishes; then the
+//! transport sends it to other participants. Subscriptions of the same Rust type share one copy; subscriptions that know the
+//! type by name only share the serialized bytes.
 //!
 //! Endpoints are matched by the rules of DDS: same topic and type, and an offered quality of service that satisfies the
 //! requested one. The lock of a topic is held while a message enters the queues of its subscriptions, so that all get the
@@ -42,7 +43,7 @@ impl From<RawSample> for LocalSample {
     }
 }
 
-/// What a publisher delivers.
+/// A message that a publisher delivers.
 pub(super) struct Outgoing<'a> {
     /// Encapsulation header and CDR.
     pub(super) cdr: Bytes,
@@ -155,7 +156,7 @@ impl LocalTopic {
         mismatches
     }
 
-    /// Removes a publisher, with what it has kept.
+    /// Removes a publisher, with its kept messages.
     pub(super) fn remove_writer(&self, writer: &Arc<Writer>) {
         let mut members = self.lock();
         let own = |w: &LocalWriter| Arc::ptr_eq(&w.writer, writer);

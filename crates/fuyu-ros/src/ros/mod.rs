@@ -1,4 +1,4 @@
-//! ROS 2 nodes: what rclcpp provides to C++ programs.
+//! ROS 2 nodes, with the functions that rclcpp provides to C++ programs.
 //!
 //! A node is a function of `&Node` that declares its parameters, creates its endpoints and then waits in a
 //! loop; [`run`] makes it an executable, and [`Process`] runs several nodes in one process.
@@ -56,12 +56,12 @@
 //! which blocks on purpose.
 //!
 //! # Several nodes in one process
-//! They share one DDS participant, as composable nodes of ROS 2 do. Messages between them are passed in memory, without
-//! serialization where the types match, with the same quality of service as over DDS, which carries every topic to
-//! other processes. [`Process::isolated`] gives every node a participant.
+//! Nodes of a process share one participant, as composable nodes of ROS 2 do. Messages between them are passed in memory,
+//! without serialization where the types match, with the same quality of service as over DDS. DDS carries every topic to
+//! other processes. [`Process::isolated`] gives every node a participant of its own.
 //!
 //! # DDS
-//! rustdds transports bytes; messages are serialized above it ([`crate::msg::cdr`]). So all endpoints share one
+//! rustdds transports bytes; fuyu serializes messages ([`crate::msg::cdr`]). So all endpoints share one
 //! instance of the DDS code, a program can subscribe to types that it knows only by name, and a lost
 //! participant is replaced while handles stay valid. ros2-client provides the message `ros_discovery_info`, which
 //! assigns endpoints to nodes.

@@ -148,7 +148,7 @@ fn check_tokens(
     Ok(())
 }
 
-/// What a remap rule changes.
+/// Kind of name that a remap rule changes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Target {
     /// `__node:=name`
@@ -171,9 +171,9 @@ pub enum Target {
 pub struct Remap {
     /// Only for the node that the program itself calls so.
     pub node: Option<String>,
-    /// What is replaced.
+    /// The replaced name.
     pub target: Target,
-    /// What it is replaced by.
+    /// The replacement.
     pub to: String,
 }
 

@@ -252,7 +252,7 @@ impl Node {
         self.core.participant.publishers(&self.core.name)
     }
 
-    /// What other nodes of the same participant publish and subscribe to, without what every node has.
+    /// Topics of other nodes of the same participant, without the topics of every node.
     pub fn local_topics(&self) -> Vec<LocalTopicUse> {
         self.core.participant.local_topics(&self.core.name)
     }

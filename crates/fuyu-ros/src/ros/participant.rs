@@ -1,8 +1,8 @@
 //! A participant that the nodes of a process share, with their endpoints. It outlives the sessions of its transport.
 //!
-//! Three locks, never taken in another order: the connection, which is held while the transport creates an endpoint; the endpoints;
-//! a topic inside the participant ([`LocalTopic`](super::local_delivery::LocalTopic)). Messages are delivered, sent and
-//! received without the first one, and the transport destroys endpoints without any.
+//! Three locks are taken in this order only: (1) the connection, which is locked while the transport creates an endpoint;
+//! (2) the endpoints; (3) a topic inside the participant ([`LocalTopic`](super::local_delivery::LocalTopic)). Messages are
+//! delivered, sent and received without lock 1, and the transport destroys endpoints without any lock.
 
 use std::{
     collections::BTreeSet,
@@ -402,7 +402,7 @@ impl Participant {
             .collect()
     }
 
-    /// What the other nodes of this participant publish and subscribe to, without what every node has.
+    /// Topics of the other nodes of this participant, without the topics of every node.
     pub(super) fn local_topics(&self, node: &Arc<NodeName>) -> Vec<LocalTopicUse> {
         let endpoints = self.endpoints();
         let writers = endpoints.writers.iter();

@@ -441,7 +441,7 @@ impl Infrastructure {
         Ok(parts)
     }
 
-    /// Sends what is left, then leaves the graph.
+    /// Sends the waiting messages, then leaves the graph.
     fn close(&mut self) {
         let core = &self.node.core;
         if let Some(sender) = self.sender.take() {

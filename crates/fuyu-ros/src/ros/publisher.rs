@@ -122,7 +122,7 @@ struct Queue {
     items: VecDeque<Outgoing>,
     /// The writer of the message that is being sent, by whichever thread.
     sending: Option<Arc<Writer>>,
-    /// Whether the sending thread is there, which takes over what cannot go at once.
+    /// Whether the sending thread exists, which takes over messages that cannot be sent at once.
     running: bool,
     closed: bool,
 }

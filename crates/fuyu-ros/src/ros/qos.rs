@@ -23,7 +23,7 @@ pub enum Reliability {
 /// What a late joiner gets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Durability {
-    /// Only what is published from then on.
+    /// Only messages published from then on.
     Volatile,
     /// Also the last samples of each living publisher ("latched").
     TransientLocal,

@@ -158,7 +158,7 @@ impl<S: Service> Reply<S> {
 pub struct Call<S: Service> {
     /// The request.
     pub request: S::Request,
-    /// The way to reply.
+    /// How to reply.
     pub reply: Reply<S>,
 }
 

@@ -87,7 +87,7 @@ impl StopRequests {
     }
 }
 
-/// What a signal to stop means.
+/// Effect of a signal to stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum StopRequest {
     /// To stop in order.

@@ -1,7 +1,8 @@
 //! Watch for a wall clock that is set back.
 //!
-//! rustdds gives a best-effort reader only samples that arrived, by the wall clock, since the last one and before now. After
-//! the clock is set back there are none until it has caught up (docs/upstream.md). A new participant has no such memory.
+//! rustdds gives a best-effort reader only samples whose arrival, by the wall clock, is after the last sample and before now.
+//! After the clock is set back, there are no such samples until the clock has caught up (docs/upstream.md). A new
+//! participant has no last sample.
 
 use std::time::{Duration, Instant, SystemTime};
 

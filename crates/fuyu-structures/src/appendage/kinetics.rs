@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use super::{Appendage, Invariants, invariants::cross_moment, points::pairs, rigid_matrix};
 
-/// What the equations of motion of a deformable body need, at one state. Allocated once; [`Kinetics::update`] does not allocate.
+/// Terms of the equations of motion of a deformable body at one state. Allocated once; [`Kinetics::update`] does not allocate.
 ///
 /// The generalized velocity is `(v, w, μ')`: velocity of the attachment's origin relative to an inertial frame \[m/s\],
 /// angular velocity of the attachment frame \[rad/s\], both in its axes, and the modal rates. With `a` the inertial acceleration of the

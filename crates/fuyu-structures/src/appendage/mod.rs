@@ -1,4 +1,4 @@
-//! A deformable body that is attached to a rigid one.
+//! A deformable body that is attached to a rigid body.
 
 mod invariants;
 mod kinetics;
@@ -33,7 +33,7 @@ const COUPLED_MASS_ROUNDING: f64 = 1e-6;
 /// All in axes of the attachment frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputPoint {
-    /// What messages and plots call it.
+    /// Its name in messages and plots.
     pub name: String,
     /// Undeformed position \[m\].
     pub position: Vector3<f64>,
@@ -87,14 +87,14 @@ impl OutputPoint {
     }
 }
 
-/// A deformable body attached to a rigid one: what a multibody engine needs of it.
+/// A deformable body attached to a rigid body, with the data for a multibody engine.
 ///
 /// The attachment frame A is fixed to the rigid body at the attachment; the deformed shape is zero there. Modal coordinates μ (n of them) have
 /// `modal_mass μ'' + modal_damping μ' + modal_stiffness μ = forces` when A does not move. The matrices need not be
 /// diagonal. Everything is about the origin of A and in its axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Appendage {
-    /// What messages call it.
+    /// Its name in messages.
     pub name: String,
     /// Names of the modes, n of them.
     pub mode_names: Vec<String>,
@@ -181,7 +181,7 @@ impl Appendage {
         Ok(appendage)
     }
 
-    /// Rejects what no body can have. A program that fills in the fields itself should call this once.
+    /// Rejects values that no body can have. A program that fills in the fields itself should call this once.
     ///
     /// # Errors
     /// Matrices of other sizes than n x n, not symmetric or not positive (semi)definite; negative mass; an inertia that is

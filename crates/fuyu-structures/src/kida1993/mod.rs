@@ -1,4 +1,4 @@
-//! The tables of chapter 2 of Kida 1993 (Tables 2.1 to 2.12) and Table 3.1: printed values with those computed here.
+//! The tables of chapter 2 of Kida 1993 (Tables 2.1 to 2.12) and Table 3.1: printed and computed values.
 //!
 //! ```
 //! let table = fuyu_structures::kida1993::table(6)?; // Table 2.6, poles of ETS-VI

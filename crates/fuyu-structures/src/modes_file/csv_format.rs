@@ -1,4 +1,4 @@
-//! Modes in CSV: one kind of record a line, the same columns for all.
+//! Modes in CSV: each line is a record of some kind, and all kinds have the same columns.
 
 use nalgebra::{Matrix3, Vector3};
 

@@ -1,4 +1,4 @@
-//! Modes that another finite-element program computed, as text in YAML or CSV.
+//! Modes that a finite-element program computed, as text in YAML or CSV.
 //!
 //! Both formats have the same content: mass properties of the undeformed body, and for each mode frequency, damping ratio, modal
 //! mass and mass integrals; optionally products of modes, second-order integrals and output points. Everything is in SI units, in axes of the
@@ -15,7 +15,7 @@
 //! | `second_order` | | `∫ χ dm` and `∫ X χᵀ dm` of a pair of modes |
 //! | outputs | m, rad per μ | displacement and rotation of a point for each mode |
 //!
-//! Products that are not given are zero, which neglects that deformation changes the moments of inertia to second order. See
+//! Omitted products are zero, which neglects the second-order change of the moments of inertia by deformation. See
 //! `docs/flexible.md` for examples.
 
 mod csv_format;
@@ -58,7 +58,7 @@ pub fn to_csv(appendage: &Appendage) -> Result<String, StructureError> {
     Ok(csv_format::write(&Document::new(appendage)?))
 }
 
-/// What both formats contain, with line numbers for messages.
+/// Content of both formats, with line numbers for messages.
 #[derive(Clone, Debug, Default)]
 struct Document {
     name: String,

@@ -27,7 +27,7 @@ const RESTITUTION: [(f64, f64); 9] = [
     (10.0, 0.099_981_624_753),
 ];
 
-/// Mass of what stands for a fixed body \[kg\].
+/// Mass of the body that represents a fixed body \[kg\].
 const FIXED: f64 = 1e18;
 
 /// Radius of the ball \[m\].

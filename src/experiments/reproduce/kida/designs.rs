@@ -37,7 +37,7 @@ fn response(design: &Design) -> Result<StepFigures, LtiError> {
     Ok(step_figures(&angle, 0.01, 1f64.to_radians(), 0.05))
 }
 
-/// What all designs have in common.
+/// Data that all designs share.
 fn common(report: &mut Report, i: usize) -> Result<Design, Box<dyn std::error::Error>> {
     let d = design(&DESIGNS[i - 1])?;
     let verdict = if d.config.stable_in_thesis {

@@ -176,7 +176,7 @@ fn sensitivities(
     })
 }
 
-/// What both designs are checked for.
+/// Checks of both designs.
 fn norms(report: &mut Report, design: &DoubleLoop) {
     for (method, norm) in [
         ("Hamiltonian", design.hinf.norm.norm),

@@ -1,7 +1,7 @@
 //! Kida 1993, "Control of large space structures": its tables, figures and verdicts.
 //!
 //! The book prints tables in chapters 2 and 3. Its figures are lost or show curves without numbers, so rows on figures
-//! compare with the statements of the text, and are claims of our own. Where the data of a figure are not printed, the
+//! compare with the statements of the text, in fuyu's wording. Where the data of a figure are not printed, the
 //! notes say what was recovered.
 
 mod air_table;

@@ -15,7 +15,7 @@ use crate::{model::Frame, nodes::camera::images::shape::Shape};
 /// Seed of the sky, which is the same in all runs.
 const SKY: u64 = 1;
 
-/// What the cameras see at one time.
+/// The bodies and cameras at one time.
 #[derive(Debug, Clone)]
 pub struct Shot {
     /// Middle of the exposure \[s\].
@@ -80,7 +80,7 @@ impl Stage {
         self.number = 0;
     }
 
-    /// What the cameras see at `time` \[s\], given the states of all bodies.
+    /// The shot of all cameras at `time` \[s\], given the states of all bodies.
     pub fn shot(&mut self, time: f64, states: &[BodyState]) -> Shot {
         let exposure = self.settings.sensor.exposure;
         let mut instances = Vec::new();
@@ -164,7 +164,7 @@ impl Imager {
         all.collect()
     }
 
-    /// Renders what all cameras see: indices of outputs, and messages.
+    /// Renders the images of all cameras: indices of outputs, and messages.
     pub fn render(&mut self, shot: &Shot) -> Vec<(usize, ImageMessage)> {
         let settings = &shot.settings;
         let scene = &mut self.scene;

@@ -23,7 +23,7 @@ pub enum ImageMessage {
     Info(Box<CameraInfo>),
 }
 
-/// What an output publishes.
+/// Content of an output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Content {
     /// `sensor_msgs/Image`.
@@ -39,7 +39,7 @@ pub enum Content {
 pub struct Output {
     /// Its name, relative to the node's namespace.
     pub topic: String,
-    /// What it carries.
+    /// Its content.
     pub content: Content,
     /// Its quality of service.
     pub qos: Qos,

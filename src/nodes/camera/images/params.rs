@@ -25,7 +25,7 @@ pub struct ImageParams {
     pub threads: usize,
     /// Columns and rows of the shadow map.
     pub shadow_resolution: usize,
-    /// What may change while the node runs.
+    /// Parameters that may change while the node runs.
     pub settings: ImageSettings,
 }
 

@@ -10,12 +10,12 @@ use crate::nodes::resource;
 /// Largest file of a mesh or texture \[bytes\].
 const LARGEST_FILE: u64 = 256 << 20;
 
-/// What a robot or target looks like.
+/// Meshes of a robot or target.
 #[derive(Debug, Clone, Default)]
 pub struct Shape {
     /// Its meshes.
     pub parts: Vec<Part>,
-    /// What is unusual about them: a line each.
+    /// Warnings about them: a line each.
     pub notes: Vec<String>,
     /// Meshes that cannot be drawn, and why: a line each.
     pub problems: Vec<String>,

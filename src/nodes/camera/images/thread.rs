@@ -59,7 +59,7 @@ enum Order {
     Clear,
 }
 
-/// What the thread reports.
+/// Reports of the thread.
 pub struct Rendered {
     /// Time that it took \[s\].
     pub duration: f64,
@@ -146,7 +146,7 @@ impl ImageThread {
         let _ = self.orders.send(Order::Clear);
     }
 
-    /// What has been rendered since the last call.
+    /// Shots rendered since the last call.
     ///
     /// # Errors
     /// If the thread has panicked.

@@ -17,7 +17,7 @@ use crate::{
 /// States that are kept until those of all bodies have arrived.
 const KEPT: usize = 64;
 
-/// Renders what the cameras see whenever an exposure is due, in a thread of its own.
+/// Renders the cameras' images whenever an exposure is due, in a thread of its own.
 pub struct ImageTopics {
     params: ImageParams,
     thread: ImageThread,
@@ -63,7 +63,7 @@ impl TargetSource {
         (self.known.as_ref()).is_some_and(|(model, _)| model.dof() > 0)
     }
 
-    /// Takes what has arrived; true if the description is another one.
+    /// Takes messages that have arrived; true if the description has changed.
     fn receive(&mut self, status: &Status) -> bool {
         while let Some(received) = self.odometry.take() {
             let stamp = Time::from(&received.message.header.stamp);
@@ -196,7 +196,7 @@ impl ImageTopics {
         keep(&mut self.robot, stamp, (joints.clone(), base.clone()));
     }
 
-    /// Renders what is due, and publishes images whose latency has passed.
+    /// Renders due exposures, and publishes images whose latency has passed.
     pub fn work(&mut self) {
         let mut changed = false;
         for target in &mut self.targets {

@@ -12,7 +12,7 @@ pub(super) const PER_JOINT: &[PerJoint] = &[PerJoint {
     law: None,
 }];
 
-/// The law that fits what is given.
+/// The law that fits the given parameters.
 const AUTO: &str = "auto";
 
 #[derive(Debug)]

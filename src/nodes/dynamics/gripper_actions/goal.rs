@@ -1,4 +1,4 @@
-//! Goals of either type: what they ask for, and the messages about a gripper's state.
+//! Goals of either action type, and the messages about a gripper's state.
 
 use crate::{
     control::GripperGoal,
@@ -61,7 +61,7 @@ pub enum Request {
 }
 
 impl Request {
-    /// What it asks the gripper with this joint for.
+    /// The goal of the gripper with this joint.
     ///
     /// # Errors
     /// A line that names the field, its value, and what would be right.
@@ -96,7 +96,7 @@ impl Request {
     }
 }
 
-/// What a goal of `parallel_gripper_cmd` asks for.
+/// Position, rate and effort of a goal of `parallel_gripper_cmd`.
 fn parallel(command: &JointState, joint: &str) -> Result<GripperGoal, String> {
     if let Some(other) = command.name.iter().find(|name| *name != joint) {
         return Err(format!(

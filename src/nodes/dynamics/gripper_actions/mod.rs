@@ -5,9 +5,9 @@
 //! | action `NAME/gripper_cmd` | control_msgs/GripperCommand |
 //! | action `NAME/parallel_gripper_cmd` | control_msgs/ParallelGripperCommand |
 //!
-//! Goals of both move the gripper `NAME`; a new one replaces the one before. A gripper keeps its last goal when that is
-//! over: it stays open, or presses on. It needs no commander, and moves whoever commands the arm. Goals are checked and
-//! answered by the thread that simulates, between two steps, like service calls.
+//! Goals of both actions move the gripper `NAME`; a new goal replaces the earlier one. When a goal is over, the gripper keeps
+//! it: it stays open, or goes on pressing. A gripper moves whoever commands the arm. Goals are checked and answered by the
+//! thread that simulates, between two steps, like service calls.
 
 mod goal;
 
@@ -111,7 +111,7 @@ impl Gripper {
         self.status.warn(line);
     }
 
-    /// Accepts a goal, or rejects it. Returns what the gripper is asked for.
+    /// Accepts a goal, or rejects it. Returns the gripper's goal.
     fn begin(&mut self, request: Request, state: &GripperState, time: f64) -> Option<GripperGoal> {
         let asked = match request.asked(&self.params.joint) {
             Ok(asked) => asked,

@@ -1,4 +1,4 @@
-//! Messages that ask for motions, checked and converted.
+//! Messages that command motions, checked and converted.
 
 use crate::{
     control::commander::{

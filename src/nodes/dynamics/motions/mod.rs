@@ -1,4 +1,4 @@
-//! Motions of the whole arm that peers ask for: joint trajectories by action and topic, paths and twists of the tip.
+//! Motions of the whole arm that peers command: joint trajectories by action and topic, paths and twists of the tip.
 //!
 //! | interface | type | begins |
 //! | --- | --- | --- |
@@ -7,8 +7,8 @@
 //! | `cartesian_path` | nav_msgs/Path | a path of the tip through timed poses |
 //! | `delta_twist_cmds` | geometry_msgs/TwistStamped | streamed twists of the tip, as for MoveIt Servo |
 //!
-//! Messages are checked and answered by the thread that simulates, between two steps, like service calls. What is wrong
-//! with one is logged and reported in `diagnostics` in one line; such a message has no effect.
+//! Messages are checked and answered by the thread that simulates, between two steps, like service calls. A wrong message
+//! has no effect; its mistake is logged and reported in `diagnostics` in one line.
 
 mod goal;
 mod messages;
@@ -123,7 +123,7 @@ impl Motions {
         self.goal.is_some() || (world.time() < end && !(end.is_infinite() && is_silent))
     }
 
-    /// Drops what waits; goals are rejected.
+    /// Drops waiting messages; goals are rejected.
     pub fn discard(&mut self, reason: &str) {
         while let Some(request) = self.next_goal() {
             request.reject();

@@ -23,7 +23,7 @@ const STATIONS: usize = 12;
 /// Most modes of a kind.
 const MOST_MODES: i64 = 12;
 
-/// What an appendage is.
+/// Kind of an appendage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     PlateStrip,

@@ -126,7 +126,7 @@ impl Description {
         self.repair().map(|repaired| repaired.model)
     }
 
-    /// What was repaired in the description: a line per kind.
+    /// Repairs of the description: a line per kind.
     pub fn warnings(&self) -> Vec<String> {
         self.repair()
             .map_or_else(|_| Vec::new(), |repaired| repaired.warnings())

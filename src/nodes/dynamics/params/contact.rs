@@ -26,7 +26,7 @@ pub struct ContactParams {
 /// The law of a pair.
 #[derive(Debug, Clone)]
 pub struct ContactPairParams {
-    /// What touches: links, targets, or `<collision>` elements by name.
+    /// The bodies of a pair: links, targets, or `<collision>` elements by name.
     pub names: [String; 2],
     /// The law; `None` if the two do not touch.
     pub law: Option<ContactLaw>,

@@ -12,7 +12,7 @@ use crate::{
 /// Axes of the force and torque on a link: whether they are those of the world.
 const AXES: [(&str, bool); 2] = [("link", false), ("world", true)];
 
-/// What an excitation acts on, and its amplitude.
+/// Target of an excitation, and its amplitude.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Excited {
     /// The effort of a joint.
@@ -47,7 +47,7 @@ pub enum Excited {
 pub struct ExcitationParams {
     /// Its name.
     pub name: String,
-    /// What it acts on.
+    /// The joint, wheel or link that it acts on.
     pub on: Excited,
     /// How it changes with time.
     pub wave: Wave,

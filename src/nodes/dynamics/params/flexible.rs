@@ -1,4 +1,4 @@
-//! Flexible parts, wheels and thrusters of the robot, and the system that they make of it.
+//! Flexible parts, wheels and thrusters of the robot, and the flexible system that results.
 
 use std::collections::BTreeSet;
 

@@ -26,7 +26,7 @@ pub struct GraspParams {
     pub X_TG: Isometry3<f64>,
     /// What it holds.
     pub latch: Latch,
-    /// What the robot's joints do in the impulse.
+    /// Reaction of the robot's joints to the impulse.
     pub joints: JointReaction,
     /// When it latches \[s\]; `None` is on command.
     pub at: Option<f64>,
@@ -38,7 +38,7 @@ pub struct GraspParams {
     pub angle: f64,
     /// When it opens \[s\]; `None` is on command.
     pub release_at: Option<f64>,
-    /// What pushes the two apart when it opens.
+    /// Spring that pushes robot and target apart when the grasp opens.
     pub spring: Option<ReleaseSpring>,
 }
 

@@ -145,7 +145,7 @@ impl DynamicsParams {
         period / step_count(period, self.time_step) as f64
     }
 
-    /// What was repaired in the descriptions of robot and targets: a line per kind.
+    /// Repairs of the descriptions of robot and targets: a line per kind.
     pub fn repairs(&self) -> Vec<String> {
         let targets = self.targets.iter().map(|target| &target.description);
         let descriptions = std::iter::once(&self.robot).chain(targets);

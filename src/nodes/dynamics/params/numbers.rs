@@ -1,4 +1,4 @@
-//! Declarations of numbers and directions with the ranges that parts of a robot have.
+//! Declarations of numbers and directions with ranges, for the parts of a robot.
 
 use nalgebra::{Unit, Vector3};
 

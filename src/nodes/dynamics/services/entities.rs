@@ -142,7 +142,7 @@ impl World {
     }
 }
 
-/// What a free body is: mass, and bodies and joints if it has any.
+/// Description of a free body: mass, and bodies and joints if it has any.
 pub(super) fn summary(model: &Model) -> String {
     let mass = model.total_mass();
     match model.dof() {

@@ -1,4 +1,4 @@
-//! Control of the simulation from outside: the services and the action of `simulation_interfaces`, and those of grasps.
+//! Control of the simulation by services: those of `simulation_interfaces` with its action, and those of grasps.
 //!
 //! Their names are private to the node (`/dynamics/step_simulation`), as those of Gazebo's server are, so that several
 //! simulations in one graph do not clash. Calls are answered by the thread that simulates, between two steps.

@@ -1,4 +1,4 @@
-//! Contact in the world: when bodies are stepped together, what has happened between them, and its energy.
+//! Contact in the world: when bodies are stepped together, the events of their contacts, and the energy of contact.
 
 use super::super::{
     contacts::Contacts, params::DynamicsParams, robot::Robot, target::Target, touching::Touching,
@@ -9,13 +9,13 @@ use crate::dynamics::contact::ContactPoint;
 /// Most events that are kept.
 const MOST_EVENTS: usize = 10_000;
 
-/// The contacts of a world, and what they have done.
+/// The contacts of a world, with their events and energies.
 pub(super) struct WorldContacts {
     contacts: Contacts,
     events: Vec<GraspEvent>,
     /// Why contacts could not be simulated.
     failure: Option<String>,
-    /// What contacts dissipated before the bodies changed \[J\].
+    /// Energy that contacts dissipated before the bodies changed \[J\].
     dissipated_before: f64,
     /// The targets with which contacts could not be set up.
     refused: Option<Vec<String>>,
@@ -133,7 +133,7 @@ impl World {
         }
     }
 
-    /// Before a step: takes over what was changed from outside since the last one.
+    /// Before a step: takes over states and inputs that were changed from outside since the last step.
     pub(super) fn prepare_contact(&mut self) {
         let Some(contacts) = &mut self.contacts else {
             return;

@@ -41,11 +41,11 @@ pub(super) struct Grasps {
     events: Vec<GraspEvent>,
     /// Why a grasp could not latch when it had to.
     failure: Option<String>,
-    /// What held targets have changed of the robot.
+    /// Momentum and work that held targets have added to the robot.
     from_targets: ExternalChange,
 }
 
-/// A grasp, and what of it is still to come.
+/// A grasp, and its pending latch and release.
 struct Grasping {
     params: GraspParams,
     grasp: Grasp,
@@ -194,7 +194,7 @@ impl Carried {
 }
 
 impl World {
-    /// Latches the first grasp whose frames are close enough. Returns a line on what happened.
+    /// Latches the first grasp whose frames are close enough. Returns a line on the result.
     ///
     /// # Errors
     /// A line on why none latches: how far the frames are apart, or what holds already.
@@ -220,7 +220,7 @@ impl World {
         Err(reasons.join("; "))
     }
 
-    /// Opens all grasps. Returns a line on what happened.
+    /// Opens all grasps. Returns a line on the result.
     ///
     /// # Errors
     /// A line if none is closed.
@@ -247,7 +247,7 @@ impl World {
         self.targets.iter().filter(is_graspable)
     }
 
-    /// What grasps have done so far, oldest first.
+    /// Events of grasps so far, oldest first.
     pub fn grasp_events(&self) -> &[GraspEvent] {
         &self.grasps.events
     }

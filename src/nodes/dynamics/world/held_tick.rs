@@ -1,4 +1,4 @@
-//! Ticks in which nothing happens but that a rigid robot moves under held efforts: their steps may be computed
+//! Ticks in which a rigid robot only moves under held efforts: their steps may be computed
 //! elsewhere, together with those of other worlds.
 
 use super::World;
@@ -14,7 +14,7 @@ pub struct HeldTick {
 }
 
 impl World {
-    /// Begins the next tick, if nothing happens in it but steps of a rigid robot, without targets, contacts, wrenches
+    /// Begins the next tick, if it consists only of steps of a rigid robot, without targets, contacts, wrenches
     /// and servos. Time has advanced then; [`World::held_robot`] must be stepped, and [`World::finish_held_tick`]
     /// called. Otherwise nothing has changed: [`World::step_to_tick`] is for all ticks.
     pub fn begin_held_tick(&mut self) -> Option<HeldTick> {

@@ -1,4 +1,4 @@
-//! The control step with its inputs: what has arrived, what is too old, and what is done then.
+//! The control step with its inputs: the newest measurements, their largest ages, and the fallback when one is too old.
 
 use nalgebra::{DVector, Vector3};
 
@@ -32,7 +32,7 @@ impl Default for AttitudeControllerConfig {
     }
 }
 
-/// What the torques of a step are.
+/// Origin of the torques of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AttitudeMode {
     /// Those of the law, for the deviation from the reference.
@@ -48,7 +48,7 @@ pub enum AttitudeMode {
 pub struct AttitudeReport {
     /// Time of the step.
     pub stamp: Stamp,
-    /// What the torques are.
+    /// Origin of the torques.
     pub mode: AttitudeMode,
     /// Estimated attitude, rate and bias, once there is a gyro.
     pub estimate: Option<AttitudeEstimate>,
@@ -246,7 +246,7 @@ impl AttitudeController {
         self.filter.add_gyro(stamp, w_WB_B)
     }
 
-    /// Adds what the star tracker measures at its time of exposure.
+    /// Adds a measurement of the star tracker, at its time of exposure.
     ///
     /// # Errors
     /// A value that is not finite; it is not added.

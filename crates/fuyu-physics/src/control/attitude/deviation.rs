@@ -1,4 +1,4 @@
-//! How far the base is from its reference.
+//! Reference of the base's attitude, and the deviation of the base from it.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -21,7 +21,7 @@ impl AttitudeTarget {
     }
 }
 
-/// What a law acts on.
+/// Input of a law: deviation of attitude and rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AttitudeDeviation {
     /// Twice the vector part of the quaternion of `R_DB`, of the two quaternions the one with a positive real part

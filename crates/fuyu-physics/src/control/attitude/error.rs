@@ -15,7 +15,7 @@ pub enum AttitudeConfigError {
         /// The range.
         expected: &'static str,
     },
-    /// The robot lacks what a controller needs.
+    /// The robot lacks a part that the controller needs.
     #[error("{0}")]
     Robot(String),
     /// A design has no solution.

@@ -56,7 +56,7 @@ impl AttitudeFilterConfig {
     }
 }
 
-/// What an [`AttitudeFilter`] knows at a time.
+/// Estimate of an [`AttitudeFilter`] at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AttitudeEstimate {
     /// Attitude of the base.
@@ -79,7 +79,7 @@ impl AttitudeEstimate {
     }
 }
 
-/// What became of a measurement of the star tracker.
+/// Result of the processing of a star tracker measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StarTrackerUse {
     /// It waits for a gyro sample that is not earlier.

@@ -9,8 +9,8 @@
 //! | actuators | [`WheelAllocator`], [`ThrusterAllocator`], [`Unloading`] of the wheels by thrusters |
 //! | all together | [`AttitudeRegulator`] from an estimate to commands, [`AttitudeController`] with filter and timeouts |
 //!
-//! Torques are on the base and in base axes, except those of wheel motors, which are on the wheels. Everything is
-//! computed once per control period, without allocating memory, and commands are held until the next.
+//! Torques act on the base and are in base axes, except torques of wheel motors, which act on the wheels. Everything is
+//! computed once per control period, without allocating memory, and commands are held until the next period.
 //!
 //! ```
 //! use fuyu_physics::control::Stamp;

@@ -1,4 +1,4 @@
-//! The robot as attitude control sees it: torques of the wheels on the base to its small rotations.
+//! Linear plant of attitude control: from the wheels' torques on the base to small rotations of the base.
 
 use fuyu_lti::{Matrix, StateSpace, Structure, spectral_radius};
 use nalgebra::{DVector, Matrix3};

@@ -1,4 +1,4 @@
-//! Postures for which a law is designed and judged.
+//! Postures for which a law is designed and its stability is evaluated.
 
 use nalgebra::DVector;
 

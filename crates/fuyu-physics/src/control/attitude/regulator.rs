@@ -43,7 +43,7 @@ impl RegulatorConfig {
     }
 }
 
-/// What a step of an [`AttitudeRegulator`] uses.
+/// Input of a step of an [`AttitudeRegulator`].
 #[derive(Debug, Clone, Copy)]
 pub struct RegulatorInput<'a> {
     /// Deviation of the base.
@@ -57,7 +57,7 @@ pub struct RegulatorInput<'a> {
     pub arm: Option<ArmMotion<'a>>,
 }
 
-/// What a step of an [`AttitudeRegulator`] decided. Torques are on the base, base axes \[N m\].
+/// Result of a step of an [`AttitudeRegulator`]. Torques act on the base, base axes \[N m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RegulatorReport {
     /// Of the law, with what remains of a bumpless transfer.
@@ -66,9 +66,9 @@ pub struct RegulatorReport {
     pub feed_forward: Vector3<f64>,
     /// For the momentum of the wheels.
     pub gyroscopic: Vector3<f64>,
-    /// What the wheels give.
+    /// Torque of the wheels.
     pub wheels: WheelAllocation,
-    /// What the thrusters give on average over the period.
+    /// Torque of the thrusters, averaged over the period.
     pub thrusters: Option<ThrusterAllocation>,
     /// Angular momentum of the wheels, base axes \[N m s\], if their speeds are known.
     pub wheel_momentum: Option<Vector3<f64>>,
@@ -89,7 +89,7 @@ struct Transfer {
     changed: bool,
     /// Torque of the last step, difference included \[N m\]; `None` before the first step of a run.
     last: Option<Vector3<f64>>,
-    /// What remains of the difference \[N m\].
+    /// The remaining difference \[N m\].
     difference: Vector3<f64>,
 }
 

@@ -1,4 +1,4 @@
-//! Torques that actuators can give.
+//! Least-norm solution within the span of the actuators' torques.
 
 use nalgebra::{Matrix3, Vector3};
 

@@ -10,7 +10,7 @@ use super::span::solve_within_span;
 use crate::dynamics::flexible::FlexibleSystem;
 use nnls::{Column, NonNegative, ROWS};
 
-/// What thrusters give in a period.
+/// Result of the thrusters in a period.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ThrusterAllocation {
     /// Mean torque about the centre of mass over the period, base axes \[N m\].
@@ -116,7 +116,7 @@ impl ThrusterAllocator {
         &self.on_times
     }
 
-    /// Closes all valves, and forgets what is owed.
+    /// Closes all valves, and discards the missing impulse.
     pub fn reset(&mut self) {
         self.on_times.fill(0.0);
         self.remainder = Vector3::zeros();

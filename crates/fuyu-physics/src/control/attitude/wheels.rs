@@ -7,7 +7,7 @@ use super::error::require_positive;
 use super::span::{SPAN, solve_within_span};
 use crate::dynamics::flexible::{FlexibleSystem, Wheel};
 
-/// What wheels give of a torque that was asked for.
+/// The share of a requested torque that the wheels give.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WheelAllocation {
     /// Torque of the wheels on the base, base axes \[N m\].
@@ -208,7 +208,7 @@ impl WheelAllocator {
             .map(|(i, axis)| (axis.into_owned(), i))
     }
 
-    /// Adds torques that cancel each other on the base and brake what cancels each other in the momenta.
+    /// Adds torques whose sum on the base is zero, and which reduce momenta whose sum is zero.
     fn equalize(&mut self, speeds: &[f64]) {
         let total = self.momentum(speeds);
         self.balancing.gemv(1.0, &self.inverse, &total, 0.0);

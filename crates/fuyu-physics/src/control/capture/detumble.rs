@@ -19,7 +19,7 @@ pub struct WheelLimits {
     pub momentum: f64,
 }
 
-/// Limits of what detumbling uses.
+/// Limits of the actuators and of the grasp in detumbling.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DetumbleLimits {
     /// Largest couple of the thrusters \[N m\].
@@ -43,7 +43,7 @@ impl Default for DetumbleLimits {
     }
 }
 
-/// A couple, by what gives it; base axes \[N m\].
+/// A couple, divided by actuators; base axes \[N m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SharedCouple {
     /// By thrusters: it removes momentum from the whole.
@@ -224,7 +224,7 @@ mod tests {
         }
     }
 
-    /// Integrates the stack with its wheels by small midpoint steps; what is left after `duration`.
+    /// Integrates robot and target with wheels by small midpoint steps; returns the momentum after `duration`.
     fn run(
         detumbler: &Detumbler,
         w: Vector3<f64>,

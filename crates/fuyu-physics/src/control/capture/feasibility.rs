@@ -129,7 +129,7 @@ impl RendezvousPlanner {
         })
     }
 
-    /// Checks positions, rates, accelerations and efforts of the joints after a piece of the way.
+    /// Checks positions, rates, accelerations and efforts of the joints after a piece of the path.
     pub(super) fn check_joints(
         &mut self,
         task: &Rendezvous,

@@ -9,9 +9,9 @@
 //! | [`TipImpedance`] | drives the tip as a mass with spring and damper; effective mass of the tip |
 //! | [`Detumbler`] | shares the angular momentum between thrusters and wheels, within limits at the grasp |
 //! | [`Excitation`] | joint motions from which the target's inertia is identified |
-//! | [`CaptureMission`] | runs the phases, and waits, retreats and aborts by rule |
+//! | [`CaptureMission`] | runs the phases; decides when to wait, retreat and abort |
 //!
-//! Nothing here knows the pose of the base in the world, or the target but by measurements.
+//! Nothing here knows the pose of the base in the world. The target is known only by measurements.
 
 mod clearance;
 mod detumble;

@@ -31,7 +31,7 @@ impl OwnMotion {
     }
 
     /// Adds a sample: time \[s\], joint positions and rates by the encoders, angular velocity of the base by the gyro
-    /// (base axes, \[rad/s\]). Returns whether I has begun anew, because time went back or had a gap.
+    /// (base axes, \[rad/s\]). Returns whether I was defined again, because time went back or had a gap.
     ///
     /// # Panics
     /// If `q` and `qd` do not fit the robot.

@@ -1,4 +1,4 @@
-//! Plans of a rendezvous: joint motions as polynomials, and why there may be none.
+//! Plans of a rendezvous: joint motions as polynomials, and the reasons why a rendezvous has no plan.
 
 use nalgebra::{DVector, UnitQuaternion};
 
@@ -9,15 +9,15 @@ use crate::dynamics::State;
 /// Least singular value of the tip's Jacobian at the arrival, lengths in m.
 pub(super) const SINGULAR: f64 = 0.05;
 
-/// What a plan minimises.
+/// Objective that a plan minimises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Objective {
-    /// Rotation of the base on the way.
+    /// Rotation of the base during the motion.
     #[default]
     BaseReaction,
     /// Time until the arrival.
     Time,
-    /// Effective mass of the tip at the arrival along the approach axis: what an impact would meet.
+    /// Effective mass of the tip in an impact along the approach axis at the arrival.
     Impact,
 }
 
@@ -63,7 +63,7 @@ impl Default for JointLimitsShare {
     }
 }
 
-/// What a plan leaves of the limits, so that those which follow it on the way find some room.
+/// Reserve that a plan keeps of the limits, for plans that replace it during the approach.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reserve {
     /// Share of the joints' limits of rate, acceleration and effort.
@@ -78,7 +78,7 @@ impl Reserve {
         share: 0.1,
         distance: 0.02,
     };
-    /// Of those that follow.
+    /// Of plans that replace it.
     pub const NONE: Self = Self {
         share: 0.0,
         distance: 0.0,
@@ -147,13 +147,13 @@ pub struct Plan {
     pub arrival: f64,
     /// Joint positions at the arrival.
     pub q: DVector<f64>,
-    /// Mean square of the base's angular velocity on the way, its root \[rad/s\].
+    /// Root mean square of the base's angular velocity during the motion \[rad/s\].
     pub base_rate: f64,
     /// Turn of the base from start to arrival \[rad\].
     pub base_turn: f64,
     /// Effective mass of the tip at the arrival along the approach axis \[kg\].
     pub effective_mass: f64,
-    /// The least distances on the way.
+    /// The least distances during the motion.
     pub distances: Distances,
     /// Attitude of the base in I at the arrival.
     pub R_IB: UnitQuaternion<f64>,
@@ -163,7 +163,7 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// What a planner makes small among ways of the same duration.
+    /// Cost that a planner minimises among joint paths of the same duration.
     pub(super) fn cost(&self, objective: Objective) -> f64 {
         match objective {
             Objective::BaseReaction | Objective::Time => self.base_rate,

@@ -1,4 +1,4 @@
-//! Postures of the arm at the rendezvous: the starts of the shooting.
+//! Postures of the arm at the rendezvous, from which the shooting starts.
 
 use nalgebra::{DVector, UnitQuaternion, Vector6};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -8,7 +8,7 @@ use super::rendezvous::{Rendezvous, RendezvousPlanner};
 use super::shooting::{End, LONGEST_STEP};
 use crate::control::damped_descent::shortened;
 
-/// Postures from which the search starts besides the present one.
+/// Postures from which the search starts, in addition to the present one.
 const POSTURES: usize = 24;
 /// Iterations of the search for a posture.
 const DESCENT: usize = 150;
@@ -49,7 +49,7 @@ impl RendezvousPlanner {
         found.into_iter().map(end).collect()
     }
 
-    /// Joints without limits take the shorter way.
+    /// Joints without limits turn in the shorter direction.
     fn unwind(&self, now: &DVector<f64>, q: &mut DVector<f64>) {
         use std::f64::consts::TAU;
         for (j, joint) in self.model.joints().iter().enumerate() {

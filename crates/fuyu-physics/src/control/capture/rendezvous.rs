@@ -1,11 +1,11 @@
 //! Rendezvous: joint motions of a free-floating robot that bring its tip to a moving frame at zero relative twist.
 //!
 //! Joints follow quintic polynomials from their present position, rate and acceleration to those at the arrival, plus
-//! bumps `a_j 64 s³ (1 - s)³` that change the way but neither end. The base turns as momentum demands (Masutani 1995 eq.
-//! (4.23) with the momentum term), so where it is at the arrival depends on the whole way; end positions are found by
-//! shooting: Newton's method on the tip's pose at the arrival. Rates and accelerations at the end follow from twist and
-//! acceleration of the goal by the generalized Jacobian there. Bumps are chosen to turn the base least, by Gauss and
-//! Newton's method, and to keep clear.
+//! bumps `a_j 64 s³ (1 - s)³`, which change the path but neither of its ends. The base turns as momentum demands (Masutani
+//! 1995 eq. (4.23) with the momentum term), so its pose at the arrival depends on the whole path. The joint positions at
+//! the arrival are found by shooting: Newton's method on the tip's pose. The joint rates and accelerations there follow
+//! from twist and acceleration of the goal by the generalized Jacobian. The bumps are chosen by the Gauss-Newton method so
+//! that the base turns least and clearances are kept.
 
 use nalgebra::{DVector, Matrix6xX, Vector3};
 
@@ -83,7 +83,7 @@ impl RendezvousPlanner {
     /// each turns the base as little as its posture allows.
     ///
     /// # Errors
-    /// [`PlanError`]: that of the way which came closest to a plan.
+    /// [`PlanError`]: that of the path which came closest to a plan.
     pub fn plan(&mut self, task: &Rendezvous) -> Result<Plan, PlanError> {
         let straight = DVector::zeros(self.model.dof());
         let mut best: Option<Plan> = None;
@@ -109,8 +109,8 @@ impl RendezvousPlanner {
         best.ok_or_else(|| failure.unwrap_or(PlanError::NoPosture(task.arrival)))
     }
 
-    /// The same along the way of an earlier plan that is being followed: joints pass through where that one has them in the
-    /// middle of what is left, and the search for the end begins at its end.
+    /// Plans again while an earlier plan is followed: at half of the remaining time the joints have the positions of the
+    /// earlier plan, and the search for the joint positions at the arrival begins at those of the earlier plan.
     ///
     /// # Errors
     /// [`PlanError`].

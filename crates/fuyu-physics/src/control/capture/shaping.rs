@@ -1,4 +1,4 @@
-//! Shaping of a way: bumps that turn the base least and keep clear.
+//! Shaping of a joint path: bumps are added so that the base turns least and clearances are kept.
 
 use nalgebra::{DMatrix, DVector, UnitQuaternion};
 
@@ -57,7 +57,7 @@ impl RendezvousPlanner {
         self.checked(task, shot, bumps, Reserve::FIRST)
     }
 
-    /// What the bumps make small: the base's angular velocity, clearances that are violated, and the bumps.
+    /// Residuals that the bumps minimise: the base's angular velocity, violated clearances, and the bumps.
     fn residual(&mut self, task: &Rendezvous, shot: &Shot, bumps: &DVector<f64>) -> DVector<f64> {
         let mut rows = Vec::with_capacity(5 * PIECES + bumps.len());
         let scale = 1.0 / (PIECES as f64).sqrt();
@@ -78,7 +78,7 @@ impl RendezvousPlanner {
         DVector::from_vec(rows)
     }
 
-    /// Distances after a piece of the way.
+    /// Distances after a piece of the path.
     pub(super) fn distances(
         &mut self,
         task: &Rendezvous,

@@ -1,4 +1,4 @@
-//! Shooting: where a way of the joints leads, and the end of the way that leads to the goal.
+//! Shooting: integrates where a joint path takes the base, and finds the end of the path that brings the tip to the goal.
 
 use nalgebra::{DMatrix, DVector, Translation3, UnitQuaternion, Vector3, Vector6};
 
@@ -10,7 +10,7 @@ use crate::control::damped_descent::shortened;
 use crate::dynamics::{Momentum, State};
 use crate::spatial::{Pose, Twist, exp_so3};
 
-/// Pieces of the way over which the base's rotation is integrated, by Magnus's method of fourth order.
+/// Pieces of the path over which the base's rotation is integrated, by Magnus's method of fourth order.
 pub(super) const PIECES: usize = 48;
 /// Largest deviation of the tip from its goal at the arrival, of position \[m\] and rotation vector \[rad\].
 const TOLERANCE: f64 = 1e-9;
@@ -26,12 +26,12 @@ pub(super) struct End {
     pub qdd: DVector<f64>,
 }
 
-/// A way with what it leads to.
+/// A joint path, and where it takes base and tip.
 pub(super) struct Shot {
     pub polynomials: Vec<[f64; 6]>,
     pub R_IB: UnitQuaternion<f64>,
     pub error: Vector6<f64>,
-    /// By how much rates and accelerations at the end of the way differ from those of `end`.
+    /// By how much rates and accelerations at the end of the path differ from those of `end`.
     pub rates_off: f64,
     pub end: End,
 }
@@ -101,7 +101,7 @@ impl RendezvousPlanner {
         Some(())
     }
 
-    /// The way to `end`.
+    /// The joint path to `end`.
     fn polynomials(&self, task: &Rendezvous, end: &End) -> Vec<[f64; 6]> {
         let joints = task.start.joints.iter().enumerate();
         let to = |j: usize| JointPoint {
@@ -114,7 +114,7 @@ impl RendezvousPlanner {
             .collect()
     }
 
-    /// Angular velocity of the base on the way at `s`, base axes, with its attitude there.
+    /// Angular velocity of the base on the path at `s`, base axes, with its attitude there.
     fn base_rate(
         &mut self,
         task: &Rendezvous,
@@ -137,7 +137,7 @@ impl RendezvousPlanner {
         self.workspace.base_twist(&momentum_B, &qd).angular
     }
 
-    /// Attitude of the base after a piece of the way.
+    /// Attitude of the base after a piece of the path.
     pub(super) fn turned(
         &mut self,
         task: &Rendezvous,
@@ -158,7 +158,7 @@ impl RendezvousPlanner {
         (R_IB * exp_so3(&turn), (a + b) * 0.5)
     }
 
-    /// Follows the way to `end`; the result has rates and accelerations that match the goal where it leads.
+    /// Follows the path to `end`; the result has rates and accelerations that match the goal at the end of the path.
     fn follow(&mut self, task: &Rendezvous, mut end: End, bumps: &DVector<f64>) -> Option<Shot> {
         let polynomials = self.polynomials(task, &end);
         let mut R_IB = task.start.state.R_WB;
@@ -179,7 +179,7 @@ impl RendezvousPlanner {
         })
     }
 
-    /// Newton's method on the end of the way.
+    /// Newton's method on the end of the path.
     pub(super) fn shoot(
         &mut self,
         task: &Rendezvous,

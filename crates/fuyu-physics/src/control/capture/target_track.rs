@@ -7,10 +7,10 @@
 //! p(t) = c + v (t - t₀) + R_IG(t) r
 //! ```
 //!
-//! `c`, `v` and `r` follow from measured poses by least squares; images alone, from which the estimator knows the
-//! rotation, do not give them. The rotation is the estimator's: a [`RotationForecast`] of axes F fixed to the target,
-//! with the constant rotation from F to G averaged over the measured attitudes. Where the motion does not separate `c`
-//! and `r` (along the axis of a simple spin) their sum is known, and a weak prior decides the rest.
+//! `c`, `v` and `r` follow from measured poses by least squares; the estimator's images do not determine them. `R_IG`
+//! follows from the estimator's [`RotationForecast`] of axes F, which are fixed to the target, and from the constant
+//! rotation from F to G, averaged over the measured attitudes. Where the motion does not separate `c` and `r` (along the
+//! axis of a simple spin), their sum is known, and a weak prior decides how it is divided.
 
 use std::collections::VecDeque;
 
@@ -113,7 +113,7 @@ impl TargetTrack {
         }
     }
 
-    /// Forgets everything: I has begun anew, or the target is not free any more.
+    /// Discards all measurements: I was defined again, or the target is not free any more.
     pub fn clear(&mut self) {
         *self = Self::new(self.config);
     }

@@ -1,4 +1,4 @@
-//! Impedance of the tip: it moves as a mass with spring and damper to a moving frame would.
+//! Impedance of the tip: the tip moves as a mass that is tied to a moving frame by spring and damper.
 //!
 //! ```text
 //! a = a_d + ω² e + 2 ζ ω ė        (position and rotation alike)
@@ -41,7 +41,7 @@ pub enum TipLaw {
     },
 }
 
-/// What the tip's law gave.
+/// Report of the tip's law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TipReport {
     /// Position of the goal relative to the tip, axes of I \[m\].
@@ -155,7 +155,7 @@ impl TipImpedance {
         solved.map_or_else(|| DVector::zeros(J.ncols()), |x| J.tr_mul(&x))
     }
 
-    /// Effective mass \[kg\] of the tip along `direction` (base axes) at positions `q`: what an impact there meets.
+    /// Effective mass \[kg\] of the tip in an impact along `direction` (base axes) at positions `q`.
     pub fn effective_mass(&mut self, q: &DVector<f64>, direction: &Vector3<f64>) -> f64 {
         self.workspace.set_positions(q);
         let tip = (&self.tip, &mut self.jacobian);

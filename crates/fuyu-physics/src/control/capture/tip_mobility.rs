@@ -1,4 +1,4 @@
-//! What a wrench at the tip of a free-floating robot meets.
+//! Mobility of the tip of a free-floating robot (the inverse of its inertia against a wrench), and its effective mass.
 
 use nalgebra::{DMatrix, DVector, Matrix6, Matrix6xX, Vector3, Vector6};
 
@@ -43,7 +43,7 @@ fn mobility(
     mobility
 }
 
-/// Effective mass \[kg\] of the tip along `direction` (base axes) at the positions of `workspace`: what an impact there meets.
+/// Effective mass \[kg\] of the tip in an impact along `direction` (base axes) at the positions of `workspace`.
 /// `jacobian` is overwritten.
 pub(super) fn effective_mass(
     workspace: &mut Workspace,

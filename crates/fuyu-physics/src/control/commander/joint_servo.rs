@@ -14,7 +14,7 @@ const SLIDING: f64 = 2e-4;
 /// motion.
 const BRAKING_SHARE: f64 = 0.5;
 
-/// What the drive of a joint does.
+/// Duty of the drive of a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum JointDuty {
     /// Holds an effort \[N m or N\].

@@ -1,5 +1,5 @@
-//! Motions that a commander asks for: joint trajectories, timed poses of the tip, streamed twists of the tip, and the
-//! servo that tracks them on a free-floating base.
+//! Motions that a commander (another program) requests: joint trajectories, timed poses of the tip, streamed twists of the
+//! tip; and the servo that tracks them on a free-floating base.
 //!
 //! A [`JointTrajectory`] becomes a [`JointSpline`] that starts from the joints' present motion, so that a trajectory
 //! that replaces another one causes no jump. A [`PosePath`] and the twists of a [`TwistServo`] are resolved into joint

@@ -1,4 +1,4 @@
-//! Joint motion with which the tip follows a desired motion.
+//! Joint motion that makes the tip follow a desired motion.
 
 use nalgebra::{DVector, UnitQuaternion};
 

@@ -100,7 +100,7 @@ impl TipResolver {
         self
     }
 
-    /// What of the tip's motion is kept.
+    /// Part of the tip's motion that is prescribed.
     pub fn kept(&self) -> KeptTip {
         self.kept
     }

@@ -1,4 +1,4 @@
-//! Tolerances of a joint trajectory on its way and at its goal.
+//! Tolerances of a joint trajectory: during the motion and at the goal.
 
 use std::fmt;
 
@@ -63,7 +63,7 @@ pub struct Violation {
 /// How far a trajectory is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Progress {
-    /// It is on its way, or waits for its goal.
+    /// It moves, or waits for its goal.
     Running,
     /// It has reached its goal.
     Succeeded,

@@ -85,7 +85,7 @@ pub enum TwistAxes {
     Robot(Frame),
 }
 
-/// What the servo does with the last twist.
+/// How the servo treats the last twist.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TwistStatus {
     /// The tip moves as commanded.

@@ -16,7 +16,7 @@ use joint_states::{JointSample, JointStates};
 use nalgebra::{DVector, Vector3};
 use newest::{Horizon, Newest};
 
-use super::delay_compensation::DelayCompensation;
+use super::effort_delay_compensation::DelayCompensation;
 use super::prediction::Prediction;
 use super::{
     ConfigError, Controller, ControllerConfig, DelayStatus, GoalRate, Measurement, TipMeasurement,
@@ -89,7 +89,7 @@ pub struct ControlLoop {
     efforts: DVector<f64>,
 }
 
-/// What the camera measures for one tip.
+/// Camera measurements of one tip and its goal.
 #[derive(Debug, Default)]
 struct TipInput {
     poses: StampPairs<Stamp, Pose, Pose>,
@@ -203,7 +203,7 @@ impl ControlLoop {
         Ok(())
     }
 
-    /// Adds what the camera sees of a tip: its pose in the base frame at the exposure `stamp`. Tip 0 is the first.
+    /// Adds a camera measurement of a tip: its pose in the base frame at the exposure `stamp`. Tip 0 is the first.
     ///
     /// # Errors
     /// [`InputError`] says why the pose is refused.
@@ -214,7 +214,7 @@ impl ControlLoop {
         Ok(())
     }
 
-    /// Adds what the camera sees of a tip's goal: its pose in the base frame at the exposure `stamp`.
+    /// Adds a camera measurement of a tip's goal: its pose in the base frame at the exposure `stamp`.
     ///
     /// # Errors
     /// [`InputError`] says why the pose is refused.
@@ -230,7 +230,7 @@ impl ControlLoop {
         Ok(())
     }
 
-    /// Adds what the gyro measures: the angular velocity of the base in base axes \[rad/s\].
+    /// Adds a gyro measurement: the angular velocity of the base in base axes \[rad/s\].
     ///
     /// # Errors
     /// [`InputError`] says why the sample is refused.

@@ -1,4 +1,4 @@
-//! What a control loop reports of each step.
+//! Report of one step of a control loop.
 
 use super::Stamp;
 use crate::control::{ControlError, ControlReport, DelayStatus};
@@ -8,9 +8,9 @@ use crate::control::{ControlError, ControlReport, DelayStatus};
 pub struct LoopReport {
     /// Stamp of the joint state that was answered.
     pub stamp: Stamp,
-    /// What the controller reports, or why its law gives no efforts.
+    /// Report of the controller, or the reason why its law gives no efforts.
     pub control: Result<ControlReport, ControlError>,
-    /// What the efforts are.
+    /// Origin of the efforts.
     pub mode: ControlMode,
     /// Camera measurement of the first tip.
     pub tip: InputStatus,
@@ -20,11 +20,11 @@ pub struct LoopReport {
     pub gyro: InputStatus,
     /// Estimated angular velocity of the goal.
     pub goal_rate: InputStatus,
-    /// What is done about the delay of the efforts.
+    /// Compensation of the delay of the efforts.
     pub delay: DelayStatus,
 }
 
-/// What the efforts of a step are.
+/// Origin of the efforts of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ControlMode {
     /// Those of the law.

@@ -1,11 +1,11 @@
-//! F64x8 states next to each other in memory, one per lane.
+//! Eight states (the lanes of an `F64x8`) next to each other in memory.
 
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::dynamics::kernel::{F64x8, GROUP_SIZE};
 use crate::dynamics::{Dissipated, Momentum, State};
 
-/// F64x8 states with their held efforts and last accelerations. The last block of a batch may have unused lanes.
+/// Eight states with their held efforts and last accelerations. The last block of a batch may have unused lanes.
 #[derive(Debug, Clone)]
 pub(super) struct Block {
     pub(super) time: F64x8,
@@ -24,7 +24,7 @@ pub(super) struct Block {
 }
 
 impl Block {
-    /// F64x8 times `state`, without efforts.
+    /// Eight times `state`, without efforts.
     pub(super) fn repeating(state: &State) -> Self {
         let zeros = vec![F64x8::ZERO; state.q.len()];
         let mut block = Self {

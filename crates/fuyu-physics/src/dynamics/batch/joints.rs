@@ -1,5 +1,5 @@
-//! Steps of single states of a batch, for what lanes do not compute together: damping, friction and limits of joints, and
-//! mimic joints.
+//! Steps of single states of a batch, for robots that lanes do not compute together: with damping, friction or limits of
+//! joints, or with mimic joints.
 
 use super::block::{Block, put, read};
 use super::{Forced, Piece, Setup, Task};

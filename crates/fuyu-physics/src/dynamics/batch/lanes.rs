@@ -1,4 +1,4 @@
-//! Steps of as many states of a batch as one register has lanes.
+//! Steps of a group of states of a batch: as many as a register has lanes.
 //!
 //! Every lane is computed with the operations of [`Integrator`](crate::dynamics::Integrator), in the same order, so its
 //! result is bit-identical. Where the integrator calls nalgebra, the functions below repeat nalgebra's operations.

@@ -81,7 +81,7 @@ pub struct Batch {
     scratch: Vec<Scratch>,
 }
 
-/// What all states have in common.
+/// Data that all states share.
 #[derive(Debug, Clone)]
 struct Setup {
     model: Model,
@@ -322,7 +322,7 @@ fn hold(block: &mut Block, lane: usize, efforts: &[f64], model: &Model) {
     }
 }
 
-/// What is done with every state.
+/// Operation on every state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Task {
     Accelerate,

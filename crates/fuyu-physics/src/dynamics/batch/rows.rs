@@ -1,4 +1,4 @@
-//! Steps of states that lie in an array of the caller's, one row per state.
+//! Steps of states that are rows of the caller's array.
 
 use rayon::prelude::*;
 

@@ -1,4 +1,4 @@
-//! Steps of several robots that are otherwise independent.
+//! Steps of several independent robots in the lanes of one register.
 
 use super::block::{Block, put, read};
 use super::{Batch, Piece, Scratch, Task};
@@ -7,10 +7,10 @@ use crate::dynamics::kernel::GROUP_SIZE;
 use crate::dynamics::{Floating, Tableau};
 use crate::model::Model;
 
-/// Steps several [`Floating`] of the same robot together, each under its own held efforts: one instruction serves as
-/// many as the processor's registers have lanes. Everything stays with the robots; only the steps are common.
+/// Steps several [`Floating`] of the same robot together, each under its own held efforts: one instruction steps as many
+/// robots as a register has lanes. States, inputs and all else stay with the robots; only the steps are common.
 ///
-/// Each moves exactly as by [`Floating::step`], to the bit. There are no threads.
+/// Each robot moves exactly as by [`Floating::step`], to the bit. There are no threads.
 ///
 /// ```
 /// use fuyu_physics::dynamics::{Floating, IntegrationMethod, State, Together};

@@ -27,7 +27,7 @@ pub struct Grasp {
     pub target: Frame,
     /// What it holds.
     pub latch: Latch,
-    /// What the robot's joints do at the impulse and from then on; joints that are locked stay where they are,
+    /// Reaction of the robot's joints to the impulse, and from then on; locked joints stay where they are,
     /// joints at held rates are free afterwards, for their servo to hold.
     pub joints: JointReaction,
 }

@@ -1,14 +1,14 @@
 //! The impulse at which latches close.
 //!
-//! The velocities of a floating system are written as those of its centre of mass, the angular velocity `H_B⁻¹ L`,
-//! and the joint rates. In these the kinetic energy has no products between the three (Masutani 1995 eqs.
-//! (4.45)-(4.48)), so that an impulse changes momentum as an impulse changes that of a rigid body, and the joint
-//! rates through the reduced inertia `Ĥ` and the generalized Jacobian `Ĵ`. With `G` the rows of the latches'
-//! relative velocities in these variables and `W` the inverse inertia, `A = G W Gᵀ` (the Delassus matrix, whose
-//! inverse is the effective mass at the grasp) gives the impulse `Λ = -A⁻¹ u` that removes the relative velocity
-//! `u`: the equations of unilateral contact with equality (F. Pfeiffer and C. Glocker, Multibody Dynamics with
-//! Unilateral Contacts, 1996, chapter 6; R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 11.7). The
-//! energy that is lost is that of the velocities that are lost (Carnot's theorem).
+//! The velocity of a floating system has three parts: the velocity of its centre of mass, the angular velocity `H_B⁻¹ L`
+//! (`L`: angular momentum about the centre of mass, `H_B`: inertia about it with locked joints), and the joint rates. In
+//! these variables the kinetic energy has no mixed products (Masutani 1995 eqs. (4.45)-(4.48)): an impulse changes momentum
+//! as that of a rigid body, and the joint rates through the reduced inertia `Ĥ` and the generalized Jacobian `Ĵ`. The
+//! latches' relative velocity is `u = G v` for the velocity `v`, and `W` is the inverse of the inertia. `A = G W Gᵀ` (the
+//! Delassus matrix, whose inverse is the effective mass at the grasp) gives the impulse `Λ = -A⁻¹ u` that removes `u`: the
+//! equations of unilateral contact with equality (F. Pfeiffer and C. Glocker, Multibody Dynamics with Unilateral Contacts,
+//! 1996, chapter 6; R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 11.7). The lost energy is the kinetic
+//! energy of the change of velocity (Carnot's theorem).
 
 use nalgebra::{
     Cholesky, DMatrix, DVector, Dyn, Matrix3, Matrix6xX, Rotation3, SymmetricEigen, Vector3,
@@ -18,7 +18,7 @@ use crate::dynamics::{State, Workspace, checks};
 use crate::model::Frame;
 use crate::spatial::Wrench;
 
-/// What a latch holds of one frame relative to another.
+/// Directions in which a latch holds one frame relative to another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Latch {
     /// Position and attitude.
@@ -41,7 +41,7 @@ impl Latch {
     }
 }
 
-/// What a joint does in an impulse.
+/// Reaction of a joint to an impulse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum JointReaction {
     /// It turns freely. Damping, friction and actuators of finite effort make no difference in an impulse.
@@ -69,7 +69,7 @@ pub struct System<'a> {
     pub state: &'a State,
     /// Its scratch memory.
     pub workspace: &'a mut Workspace,
-    /// What each joint does; all are free if this is shorter.
+    /// Reaction of each joint; joints beyond the end are free.
     pub joints: &'a [JointReaction],
 }
 

@@ -1,9 +1,8 @@
 //! Capture: floating systems that join at an instant, move as one, and separate.
 //!
-//! [`close_latches`] has the impulse at which latches close: momentum of the whole does not change, energy does.
-//! [`Captured`] is what moves from then on: one floating system with the topology of both, in which the target's
-//! links are part of the robot's tree. A second arm that grasps the target closes a loop. [`Captured::release`]
-//! separates them.
+//! [`close_latches`] computes the impulse at which latches close: total momentum does not change, energy does.
+//! [`Captured`] is robot and target from then on: one floating system, in which the target's links are part of the
+//! robot's tree. A second arm that grasps the target closes a loop. [`Captured::release`] separates robot and target.
 //!
 //! ```
 //! use fuyu_physics::dynamics::capture::{Captured, Grasp, JointReaction, Latch};

@@ -1,4 +1,4 @@
-//! What a program that owns robots and targets needs of a contact world: their states, and what contacts do to them.
+//! Interface for a program that owns robots and targets itself: their states, and the effect of contacts on them.
 
 use nalgebra::Vector3;
 
@@ -44,7 +44,7 @@ impl ContactWorld {
         self.radau.restart();
     }
 
-    /// Holds what the forces are in the new state.
+    /// Evaluates the forces in the new state, and holds them.
     pub(super) fn hold_last(&mut self, drive: &mut Drive) {
         if let Some((i, forces)) = &mut drive.forces {
             let system = &mut self.systems[*i];
@@ -62,7 +62,7 @@ impl ContactWorld {
         body.change_state(|own| own.copy_from(state));
     }
 
-    /// Replaces the state of system `i`. What it overlaps with then does not act before it has been apart.
+    /// Replaces the state of system `i`. Contact with bodies that it overlaps with is ignored until they have separated.
     ///
     /// # Panics
     /// If the state is of another system.
@@ -72,7 +72,7 @@ impl ContactWorld {
         self.systems[i].set_state(state.clone());
     }
 
-    /// What overlaps now, as far as `is_new` says so of two colliders, does not act before it has been apart.
+    /// Ignores contact of colliders that overlap now and for which `is_new` is true, until they have separated.
     pub fn suspend_overlaps(&mut self, is_new: impl Fn([super::ColliderId; 2]) -> bool) {
         self.begin();
         let scene = &mut self.scene;

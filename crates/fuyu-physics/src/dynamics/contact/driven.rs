@@ -1,4 +1,4 @@
-//! The rates of the equations of motion, with forces that change within a step.
+//! Right-hand side of the equations of motion, with forces that change within a step.
 
 use nalgebra::Vector3;
 
@@ -8,7 +8,7 @@ use crate::dynamics::rate::turn_rate;
 use crate::dynamics::{Formulation as _, Input, State, TreeMotion};
 use crate::spatial::Wrench;
 
-/// What changes the held input of a system at every stage of a step, from time \[s\] and state.
+/// Function that sets the input of a system at every stage of a step, from time \[s\] and state.
 pub(super) type Forces<'a> = &'a mut dyn FnMut(f64, &State, &mut Input);
 
 /// Forces on a system that change within a step.

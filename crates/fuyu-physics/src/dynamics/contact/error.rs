@@ -1,4 +1,4 @@
-//! Why contacts are refused or cannot be simulated.
+//! Errors in the description and in the simulation of contacts.
 
 use super::law::LawError;
 

@@ -1,4 +1,4 @@
-//! What a world of contacts reports: points, events, work.
+//! Reports of a contact world: points, events, work.
 
 use nalgebra::Vector3;
 
@@ -43,7 +43,7 @@ pub struct ContactEvent {
     pub begins: bool,
 }
 
-/// Counts of what the integration has done.
+/// Counts of the integration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ContactWork {
     /// Steps.

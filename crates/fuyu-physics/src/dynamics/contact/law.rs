@@ -1,4 +1,4 @@
-//! Forces at a point of contact, and what follows from them in closed form.
+//! Forces at a point of contact, with restitution and creep in closed form.
 
 use nalgebra::Vector3;
 

@@ -1,10 +1,10 @@
 //! Radau's implicit method of order 5 with error control, for stiff motion.
 //!
-//! The method has three stages and damps what is infinitely stiff in one step. Stages are found by simplified
+//! The method has three stages and is L-stable: infinitely stiff modes decay in one step. Stages are found by simplified
 //! Newton iterations; a transformation splits their linear system into a real and a complex one of the size of the
 //! state (E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, 1996, section IV.8, whose estimate
-//! of the error, starting values and step control are used). What is conserved linearly in the state is conserved
-//! by each iteration, however far it has converged.
+//! of the error, starting values and step control are used). Each iteration conserves every conserved quantity that is a
+//! linear function of the state, whether or not it has converged.
 
 use nalgebra::{Complex, ComplexField};
 
@@ -162,7 +162,7 @@ pub(super) struct Radau {
     update: Vec<f64>,
     complex_update: Vec<Complex<f64>>,
     error: Vec<f64>,
-    /// Stages of the last step that was taken, and its length: what the next one starts from.
+    /// Stages of the last accepted step, and its length, from which the next step starts.
     last: Option<f64>,
     last_z: [Vec<f64>; 3],
     /// Iterations of the last step, and their rate of convergence.

@@ -1,9 +1,9 @@
 //! The equations of motion of several floating systems that touch.
 //!
-//! The state of each system is its attitude since the start of the step, centre of mass, joint positions, momentum
-//! and joint rates, with the angular momentum about a point that all systems share. Forces at a contact then change
-//! two momenta by opposite amounts, which sum to zero to the last digit: total momentum is linear in this state,
-//! and is conserved by any Runge-Kutta method.
+//! The state of each system is its attitude since the start of the step, centre of mass, joint positions, joint rates, and
+//! momentum; the angular momentum of all systems is taken about one common point. Forces at a contact then change
+//! two momenta by opposite amounts, which sum to zero to the last digit. Total momentum is a linear function of this state,
+//! so any Runge-Kutta method conserves it.
 
 use std::ops::Range;
 
@@ -26,7 +26,7 @@ pub(super) struct Collider {
     pub body: usize,
     pub X_BS: Pose,
     pub shape: Shape,
-    /// What messages call it, if not its body.
+    /// Its name in messages, if not that of its body.
     pub name: Option<String>,
     /// Pose in the world.
     pub X_WS: Pose,
@@ -44,7 +44,7 @@ pub(super) struct Pair {
     pub is_suspended: bool,
 }
 
-/// What a point does; it changes at events only, so that forces are smooth in between.
+/// Mode of a point; it changes at events only, so that forces are smooth in between.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Mode {
     Apart,
@@ -258,7 +258,7 @@ impl Scene {
         }
     }
 
-    /// The state of system `i` in `y`, with what work and dissipation have added.
+    /// The state of system `i` in `y`, with the work and dissipation so far.
     pub fn read(&self, i: usize, y: &[f64], state: &mut State) {
         let member = &self.members[i];
         set_state(member, &self.origin, y, state);

@@ -1,4 +1,4 @@
-//! Steps of a contact world: where in them events are, and forces that change within them.
+//! Steps of a contact world: events within a step, and forces that change within a step.
 
 use super::driven::{Drive, Driven};
 use super::radau::Radau;

@@ -1,9 +1,9 @@
-//! Where two shapes touch: points of one over the surface of the other.
+//! Contact points of two shapes: points of one shape over the surface of the other.
 //!
 //! Every pair of shapes has a fixed number of possible points, so that a point keeps its number while it touches.
-//! The simple pairs are closed forms. Polyhedra touch with the vertices of either in the other, and with the pair
-//! of edges that is deepest, if no face is less deep; a capsule touches a polyhedron with the two ends of the part of its axis that is over
-//! a face.
+//! Pairs without polyhedra are closed forms. Two polyhedra touch at vertices of either that are in the other, and at their
+//! deepest pair of edges, if no face is less deep. A capsule touches a box at the two ends of the part of its axis that
+//! is over a face.
 
 use nalgebra::{Point3, Vector3};
 

@@ -74,7 +74,7 @@ pub struct ContactWorld {
     pub(super) trial: Vec<f64>,
     /// Estimate of the error that counts as one, and the tolerance of the iteration relative to it.
     pub(super) tolerance: f64,
-    /// By what the tolerance is raised.
+    /// Factor by which the tolerance is raised.
     pub(super) raised: f64,
     pub(super) next_step: f64,
     /// Whether colliders, pairs or states have changed since the last step.
@@ -263,12 +263,12 @@ impl ContactWorld {
         self.systems[i].input_mut()
     }
 
-    /// What the integration has done since the start.
+    /// Counts of the integration since the start.
     pub fn work(&self) -> ContactWork {
         self.work
     }
 
-    /// Checks that nothing overlaps, other than what does not act for it.
+    /// Checks that nothing overlaps, except pairs whose contact is ignored for that reason.
     ///
     /// # Errors
     /// [`ContactError::Overlap`] with the deepest point.
@@ -529,7 +529,7 @@ impl ContactWorld {
         }
     }
 
-    /// By what the tolerance is raised because there has been no event for many steps.
+    /// Factor by which the tolerance is raised because there has been no event for many steps.
     fn raised_by_lasting(&self) -> f64 {
         let (first, more) = LASTING;
         let beyond = self.since_event.saturating_sub(first) as f64;

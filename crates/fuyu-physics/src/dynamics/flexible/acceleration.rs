@@ -1,9 +1,9 @@
 //! Accelerations by articulated bodies, with modes and rotors eliminated body by body.
 //!
 //! A rotor with inertia J, axis a and spin Ω on a body with angular velocity w has `J (Ω' + a·w') = τ`. It acts on the
-//! body with `-τ a - w × (J Ω a)`, and takes `J a aᵀ` from its inertia, which contains the rotor as locked. Modes with
-//! modal mass M and coupling P (n x 6) have `M μ'' + P A + bias = -K μ - C μ'`; what they leave for the body is the
-//! inertia less `Pᵀ M⁻¹ P` (Kida 1993, chapter 2, which eliminates the rigid body instead).
+//! body with `-τ a - w × (J Ω a)`, and reduces the body's inertia, which includes the locked rotor, by `J a aᵀ`. Modes with
+//! modal mass M and coupling P (n x 6) have `M μ'' + P A + bias = -K μ - C μ'`; eliminating them reduces the body's inertia
+//! by `Pᵀ M⁻¹ P` (Kida 1993, chapter 2, eliminates the rigid body instead).
 
 use nalgebra::Vector3;
 

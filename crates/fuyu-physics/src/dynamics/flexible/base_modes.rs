@@ -1,9 +1,9 @@
 //! Equations of motion of a robot whose flexible parts are all on its base, on the kernels of rigid robots.
 //!
-//! The kernels see a robot whose base contains the appendages undeformed. What deformation changes on the base is added
-//! to their sums there: to inertia and momentum before the base's angular velocity is solved, and to the articulated
-//! inertia before its acceleration is. The numbers are the same as those of the general equations (`acceleration.rs`)
-//! up to rounding.
+//! The kernels see a robot whose base contains the undeformed appendages. The effect of the deformation is added to the
+//! kernels' sums at the base: to inertia and momentum before the base's angular velocity is computed, and to the
+//! articulated inertia before the base's acceleration is computed. The results are those of the general equations
+//! (`acceleration.rs`) up to rounding.
 
 use pulp::{Simd, WithSimd};
 
@@ -45,7 +45,7 @@ pub(super) struct BaseModes {
     modes: Vec<Mode>,
     /// Axis and inertia of each rotor on the base, and its coordinate.
     rotors: Vec<BaseRotor>,
-    /// What modes and rotors that follow forces take from the base's articulated inertia.
+    /// Reduction of the base's articulated inertia by modes and rotors that follow forces.
     taken: ArticulatedInertia<f64>,
     /// `∂J/∂μ` of each mode at this shape.
     dJ: Vec<Lanes>,

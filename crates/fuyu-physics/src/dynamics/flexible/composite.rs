@@ -1,4 +1,4 @@
-//! Inertia of a rigid or locked set of bodies, and the articulated inertia of one whose joints and modes move freely.
+//! Inertia of a rigid or locked set of bodies, and articulated inertia of a set whose joints and modes move freely.
 
 use nalgebra::{Matrix3, Matrix6, Vector3};
 

@@ -1,4 +1,4 @@
-//! What can be wrong with the flexible parts of a robot.
+//! Errors in the description of a robot's flexible parts.
 
 use fuyu_structures::StructureError;
 use thiserror::Error;

@@ -12,7 +12,7 @@ use super::{FlexibleState, FlexibleWorkspace};
 pub struct FirstOrderExcess<'a> {
     /// Name of the body.
     pub name: &'a str,
-    /// What is too large.
+    /// The quantity that is too large.
     pub quantity: FirstOrderQuantity,
     /// Its value.
     pub value: f64,
@@ -20,7 +20,7 @@ pub struct FirstOrderExcess<'a> {
     pub limit: f64,
 }
 
-/// What limits the use of first-order modes.
+/// A quantity that limits the use of first-order modes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FirstOrderQuantity {
     /// Angular velocity of the attachment \[rad/s\]; the centrifugal stiffness is missing.

@@ -10,7 +10,7 @@ use crate::dynamics::{IntegrationMethod, checks};
 use crate::model::Model;
 use crate::spatial::Pose;
 
-/// One [`FlexibleSystem`] with its state and scratch memory: what [`Floating`](crate::dynamics::Floating) is for a rigid
+/// One [`FlexibleSystem`] with its state and scratch memory: the counterpart of [`Floating`](crate::dynamics::Floating) for a rigid
 /// robot. Joint efforts, wrenches and wheel torques are held from step to step.
 #[derive(Clone, Debug)]
 pub struct FlexibleFloating {

@@ -1,4 +1,4 @@
-//! A deformable body on a link: its mass integrals in the link's frame, and what they give at one shape.
+//! A deformable body on a link: its mass integrals in the link's frame, and their values at one deformation.
 
 use fuyu_structures::{Appendage, Invariants, Kinetics, OutputPoint, cross_moment};
 use nalgebra::{DMatrix, Matrix3, Vector3};

@@ -21,7 +21,7 @@ impl CompiledBody {
         }
     }
 
-    /// What moving along the axis takes of `wrench`.
+    /// Component of `wrench` along the axis.
     pub fn along_axis(&self, wrench: &Wrench) -> f64 {
         if self.is_prismatic {
             self.axis.dot(&wrench.force)

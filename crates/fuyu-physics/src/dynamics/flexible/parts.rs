@@ -1,4 +1,4 @@
-//! Wheels, thrusters and elastic joints: what they are.
+//! Descriptions of wheels, thrusters and elastic joints.
 
 use nalgebra::{Unit, Vector3};
 

@@ -1,4 +1,4 @@
-//! The section of an elastic link that carries the links which follow.
+//! The section of an elastic link that carries the following links.
 
 use nalgebra::{Rotation3, Translation3, Vector3};
 
@@ -6,7 +6,7 @@ use super::ModalBody;
 use super::composite::{Articulated, Composite};
 use crate::spatial::{Pose, Twist, Wrench};
 
-/// Pose and motion of a carrying section E relative to the link's body frame B, and sums over what it carries.
+/// Pose and motion of a carrying section E relative to the link's body frame B, and sums over the bodies that it carries.
 /// Components of motion and sums are in axes of E, about its origin.
 #[derive(Clone, Debug)]
 pub(super) struct Section {
@@ -24,7 +24,7 @@ pub(super) struct Section {
     curvature: Twist,
     /// Acceleration of E while B and the modal rates do not accelerate, once B's angular velocity is known.
     pub bias: Twist,
-    /// What E carries.
+    /// The bodies that E carries.
     pub composite: Composite,
     pub momentum: Wrench,
     pub inertia: Articulated,

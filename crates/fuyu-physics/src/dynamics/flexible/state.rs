@@ -289,7 +289,7 @@ impl FlexibleState {
     }
 }
 
-/// What acts on a robot with flexible parts.
+/// Input of a robot with flexible parts: efforts, torques, wrenches.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlexibleInput {
     /// Joint efforts (of elastic joints: of the motor, on the output side) and external wrenches. One on an elastic

@@ -29,7 +29,7 @@ pub(super) struct Parts {
     pub compiled: Compiled,
 }
 
-/// What the recursions need.
+/// Data of the recursions.
 #[derive(Debug)]
 pub(super) struct Compiled {
     pub bodies: Vec<CompiledBody>,

@@ -45,7 +45,7 @@ pub(in crate::dynamics) struct Acting<'a> {
     pub equations: &'a mut EquationsOfMotion,
     pub workspace: &'a mut Workspace,
     pub forcing: &'a mut dyn Forcing,
-    /// What the forcing wrote last: actuators and external wrenches.
+    /// The input that the forcing wrote last: actuators and external wrenches.
     pub input: &'a mut Input,
 }
 
@@ -68,12 +68,12 @@ pub(super) struct Node {
 /// A step of exponential collocation at Gauss's nodes.
 ///
 /// The equations of motion are written as `x' = -Λ x + g`, with the [`Modes`] of the damping at the start of the step.
-/// The forcing `g` contains everything else: Coriolis terms, efforts, and what the damping deviates from the modes as the
+/// The forcing `g` contains everything else: Coriolis terms, efforts, and the deviation of the damping from the modes as the
 /// configuration changes. `g` is interpolated by a polynomial through the nodes, for which the differential equation and its
 /// integral are solved exactly, and the values of `g` at the nodes are found by iteration. Without damping this is Gauss's
 /// implicit Runge-Kutta method, of order 2 s with s nodes. With damping it is stable for any step, and exact if Coriolis terms,
 /// efforts and inertia are constant (M. Hochbruck and A. Ostermann, Exponential Runge-Kutta methods for parabolic problems,
-/// Applied Numerical Mathematics 53, 2005, section 2). Base attitude is integrated the same way: the base map of the start
+/// Applied Numerical Mathematics 53, 2005, section 2). Base attitude is integrated likewise: the base map of the start
 /// times the joints' exact displacement, and a polynomial for the rest.
 #[derive(Debug, Clone)]
 pub(super) struct Collocation {

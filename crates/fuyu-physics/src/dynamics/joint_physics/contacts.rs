@@ -28,7 +28,7 @@ struct Limits {
     speed: f64,
 }
 
-/// What happens to a joint next.
+/// The next event of a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Event {
     /// It stops sliding.
@@ -37,7 +37,7 @@ pub(super) enum Event {
     Stop(f64),
     /// It reaches its speed limit, at this rate.
     Speed(f64),
-    /// What holds it no longer can.
+    /// The reaction that holds it reaches its limit.
     Release,
 }
 

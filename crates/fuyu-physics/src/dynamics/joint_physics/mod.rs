@@ -1,7 +1,7 @@
 //! Joint damping, Coulomb friction, stops and speed limits, integrated without restriction of the step.
 //!
-//! All of them are forces between the two bodies of a joint, so momentum does not change. They act through the reduced inertia
-//! `Ĥ`, and every formulation of forward dynamics works with them.
+//! All four are forces between the two bodies of a joint, so momentum does not change. They act through the reduced inertia
+//! `Ĥ`, and work with every formulation of forward dynamics.
 //!
 //! - **Damping** `-c q̇` is integrated by exponential collocation ([`collocation::Collocation`]): stable for any coefficient
 //!   and step.

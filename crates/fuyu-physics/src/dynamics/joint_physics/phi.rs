@@ -1,4 +1,4 @@
-//! Exponential integrals of a decay.
+//! Phi functions: integrals of polynomials times an exponential decay.
 
 /// Number of functions: `φ_0` to `φ_5`.
 pub(super) const COUNT: usize = 6;
@@ -6,7 +6,7 @@ pub(super) const COUNT: usize = 6;
 /// Below this, the series is more accurate than the recursion.
 const SERIES: f64 = 2.0;
 
-/// `φ_0 = e^w`, `φ_{k+1}(w) = (φ_k(w) - 1/k!) / w` for `w <= 0`: `θ^{m+1} m! φ_{m+1}(-z θ)` is the answer at `θ` of
+/// `φ_0 = e^w`, `φ_{k+1}(w) = (φ_k(w) - 1/k!) / w` for `w <= 0`: `θ^{m+1} m! φ_{m+1}(-z θ)` is the solution at `θ` of
 /// `x' = -z x + θ^m` from zero. M. Hochbruck and A. Ostermann, Exponential integrators, Acta Numerica 19, 2010,
 /// eqs. (2.10), (2.11).
 pub(super) fn phi(w: f64) -> [f64; COUNT] {

@@ -1,7 +1,7 @@
 //! The recursions from body to body, TR-942 section 2.3.4, in world axes.
 //!
-//! A body's reference point is its hinge `h`: the origin of its frame. First moments `m̂ r̂` stand where the report
-//! has `r̂`, so that no division fails for a body without mass (the part between the two freedoms of one hinge).
+//! A body's reference point is its hinge `h`: the origin of its frame. Where the report has `r̂`, the code has the first
+//! moment `m̂ r̂`, so that no division fails for a body without mass (the part between the two freedoms of one hinge).
 
 use nalgebra::{Matrix3, Rotation3, Unit, UnitQuaternion, Vector3};
 

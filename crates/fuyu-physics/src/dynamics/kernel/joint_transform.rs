@@ -1,4 +1,5 @@
-//! Joint transforms: motions, forces and inertias from a body's frame to its parent's and back.
+//! Transforms across a joint ([`JointTransform`], defined in [`super::tree`]): motions, forces and inertias from a body's
+//! frame to its parent's and back.
 
 use super::articulated_inertia::{ArticulatedInertia, rotate_sym_x_90};
 use super::tree::{ALPHA_RIGHT_ANGLE, ALPHA_ZERO, JointTransform};

@@ -1,8 +1,8 @@
 //! Poses, composite inertias, momentum map and generalized Jacobian, linear in the number of joints.
 //!
 //! Masutani 1995 eqs. (4.9)-(4.26), (4.36), (4.37), which App. G computes with matrices. Composite inertias are summed in
-//! link frames, where the momentum that a joint gives to its subtree is a row of the inertia and needs no arithmetic. Only
-//! these rows are rotated to base axes.
+//! link frames. There the momentum that a joint gives to its subtree is a row of the composite inertia and costs no
+//! arithmetic; only these rows are rotated to base axes.
 
 use super::composite_inertia::CompositeInertia;
 use super::joint_transform::{TransformShape, with_shape};

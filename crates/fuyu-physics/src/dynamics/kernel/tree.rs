@@ -3,8 +3,8 @@
 //! Each body has a kernel frame K in addition to its URDF frame B: z along the axis of the joint that moves the
 //! body, x along the common normal with the axis of the next body, origin on the axis. The transform between
 //! parent and child is then that of Denavit and Hartenberg, extended to trees by Khalil and Kleinfinger (1986):
-//! `Rz(gamma) Tz(b) Rx(alpha) Tx(a) Rz(theta) Tz(d)`. `alpha` is often 0 or 90°, which needs no arithmetic, and
-//! `gamma` and `b` differ from zero only at branches. Results are given in the frames of the URDF.
+//! `Rz(gamma) Tz(b) Rx(alpha) Tx(a) Rz(theta) Tz(d)`. `alpha` is often 0 or 90°, which needs no arithmetic, and `gamma` and
+//! `b` differ from zero only at branches ([`JointTransform::p`] holds `a` and `b`). Results are in the frames of the URDF.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Ambiguity hypotheses: other motions that explain the images of a short rotation.
+//! Ambiguity hypotheses: other rotations and depths of the body that explain the images of a short rotation.
 //!
 //! From a distance, a small rotation about an axis across the line of sight moves a point by rate times depth. Twice
 //! the depth at half the rate looks the same, and so does a body mirrored in depth. Perspective and the curvature of

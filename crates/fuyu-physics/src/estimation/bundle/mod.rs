@@ -94,7 +94,7 @@ const LEAST_SHARED: usize = 4;
 /// Least number of frames with features.
 const MIN_FRAMES: usize = 8;
 
-/// Options of the estimation, and what is known besides the tracks.
+/// Options of the estimation, and knowledge in addition to the tracks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// Standard deviation of an image coordinate \[px\]. The default is that of rounding to whole pixels (0.29,

@@ -1,4 +1,4 @@
-//! Bodies of other shapes that explain the same images.
+//! Spread of the predictions over other inertias that explain the same images.
 //!
 //! After a rotation about nearly one axis the images hardly determine the inertia. The estimate is then a sphere, or
 //! any other body near the prior's mean, and its linearised covariance does not describe how differently other bodies

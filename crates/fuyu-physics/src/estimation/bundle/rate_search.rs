@@ -1,5 +1,4 @@
-//! Search over angular velocities: a start for tracks of which no two frames share enough points for their relative
-//! pose.
+//! Search over angular velocities: initial values where no two frames share enough points for their relative pose.
 //!
 //! With an angular velocity assumed to be constant over a short window, all attitudes in it are known, and structure
 //! follows by linear least squares from all frames together (`known_rotation`). The best of a grid of angular

@@ -1,4 +1,4 @@
-//! Structure transferred to a motion: points and positions that the global adjustment starts from.
+//! Structure in the body axes of a given motion: points and positions from which the global adjustment starts.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

@@ -10,11 +10,11 @@
 //!     + (M ([r][w] - [u]) + [p] - [S][w]) R c' + R I' Rᵀ w
 //! ```
 //!
-//! In inertial axes it is constant (Y. Murotsu, K. Senda, M. Ozaki and S. Tsujio, Parameter identification of
-//! unknown object handled by free-flying space robot, J. Guidance, Control, and Dynamics 17, 1994, use conservation
-//! of momentum; this form needs no velocity of the base). It is linear in the gyro's measurement, too, so that a
-//! model predicts that measurement: [`identify`] solves the linear equations, then minimises the error of the
-//! predicted gyro by Gauss and Newton's method. For white noise of the gyro this is the maximum-likelihood
+//! In inertial axes this angular momentum is constant (Y. Murotsu, K. Senda, M. Ozaki and S. Tsujio, Parameter
+//! identification of unknown object handled by free-flying space robot, J. Guidance, Control, and Dynamics 17, 1994, use
+//! conservation of momentum; this form needs no velocity of the base). It is linear in the gyro's measurement, too, so that
+//! a model predicts the measurement: [`identify`] solves the linear equations, then minimises the error of the predicted
+//! gyro rate by the Gauss-Newton method. For white noise of the gyro this is the maximum-likelihood
 //! estimate, whose covariance is the Cramér-Rao bound.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6xX, SMatrix, SVector, UnitQuaternion, Vector3};
@@ -58,7 +58,7 @@ pub struct Identified {
     pub momentum: Vector3<f64>,
     /// How well the motion determines it.
     pub excitation: Excitation,
-    /// Root mean square of what is left of the gyro's measurements \[rad/s\].
+    /// Root mean square of the residuals of the gyro's measurements \[rad/s\].
     pub residual: f64,
 }
 

@@ -79,7 +79,7 @@ pub(super) fn unit_inertia(k: usize) -> Matrix3<f64> {
     unit
 }
 
-/// Covariance of [`InertiaParameters`] and what follows from it.
+/// Covariance of [`InertiaParameters`], and of the mass, centre of mass and inertia that follow.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InertiaCovariance {
     /// Of the ten parameters.
@@ -89,7 +89,7 @@ pub struct InertiaCovariance {
 }
 
 impl InertiaCovariance {
-    /// From that of the parameters, at their values.
+    /// From the covariance of the parameters, at their values.
     pub fn new(at: &InertiaParameters, parameters: SMatrix<f64, 10, 10>) -> Self {
         let about_com = |v: &SVector<f64, 10>| {
             let rigid = InertiaParameters::from_vector(v).rigid();

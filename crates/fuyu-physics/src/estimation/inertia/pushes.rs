@@ -1,4 +1,4 @@
-//! Identification of a free body from known pushes: what an impulse changes.
+//! Identification of a free body from known pushes: the change of its motion by an impulse.
 
 use nalgebra::{DMatrix, DVector, UnitQuaternion, Vector3};
 

@@ -1,4 +1,4 @@
-//! Why there is no estimate.
+//! Errors of the estimation: the reasons why there is no estimate.
 
 use nalgebra::Vector3;
 

@@ -17,7 +17,7 @@ pub(super) struct Source<'a> {
     doc: Document<'a>,
     /// Byte offset at which each line after the first starts.
     line_starts: Vec<usize>,
-    /// What was repaired so far; `None` if nothing may be.
+    /// Repairs so far; `None` if repairs are not allowed.
     repairs: Option<RefCell<Vec<Repair>>>,
 }
 
@@ -47,7 +47,7 @@ pub fn without_surroundings(xml: &str) -> Cow<'_, str> {
 }
 
 impl<'a> Source<'a> {
-    /// Parses the XML. With `repairs`, what can be repaired is not an error.
+    /// Parses the XML. With `repairs`, mistakes that can be repaired are not errors.
     pub fn parse(xml: &'a str, name: &'a str, repairs: bool) -> Checked<Self> {
         let doc = Document::parse(xml).map_err(|e| UrdfError {
             source_name: name.to_owned(),
@@ -65,7 +65,7 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// Whether what can be repaired is repaired.
+    /// Whether repairs are allowed.
     pub fn repairs(&self) -> bool {
         self.repairs.is_some()
     }

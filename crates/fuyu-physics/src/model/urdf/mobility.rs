@@ -1,4 +1,4 @@
-//! Which joints of a description move: mimic joints and what they follow, and joints that have no mass to move.
+//! Which joints of a description move: mimic joints and the joints that they follow, and joints that move no mass.
 
 use std::collections::HashMap;
 

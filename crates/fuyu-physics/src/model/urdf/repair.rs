@@ -1,4 +1,4 @@
-//! What was repaired in a robot description, and how that is reported.
+//! Repairs of a robot description, and their reports.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::Write as _;
@@ -29,7 +29,7 @@ pub struct Repair {
     pub kind: RepairKind,
 }
 
-/// What is not as URDF or physics requires, and what was used instead.
+/// A deviation from the requirements of URDF or physics, and the value that was used instead.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum RepairKind {
@@ -62,7 +62,7 @@ pub enum RepairKind {
     },
     /// The joint is held, because nothing that it moves has mass.
     MovesNoMass,
-    /// The joint is held, because the root, from which it starts, has no mass: what it moves is the floating base.
+    /// The joint is held, because the root, from which it starts, has no mass: the link that it moves is the floating base.
     MasslessRoot,
     /// The joint is held, because its range is a single position other than zero, or because it follows a fixed joint.
     Immobile,

@@ -1,5 +1,5 @@
-//! ROS package [`simulation_interfaces`](https://github.com/ros-simulation/simulation_interfaces) 2.1: the standard
-//! by which simulators are controlled; the part of it that the dynamics node serves.
+//! ROS package [`simulation_interfaces`](https://github.com/ros-simulation/simulation_interfaces) 2.1, the standard
+//! interface to control simulators: the part that the dynamics node serves.
 
 pub mod services;
 pub mod simulate_steps;

@@ -1,6 +1,6 @@
 //! Managed (lifecycle) nodes, with the services and states of rclcpp lifecycle nodes.
 
-mod graph;
+mod state_machine;
 
 use std::sync::{
     Arc,
@@ -18,7 +18,7 @@ use crate::msg::lifecycle_msgs::{
         GetAvailableTransitions, GetAvailableTransitionsResponse, GetState, GetStateResponse,
     },
 };
-use graph::{
+use state_machine::{
     ERRORS, Edge, FAILURE, GRAPH, STATES, SUCCESS, available, describe, edge, requested, state,
 };
 
@@ -151,7 +151,7 @@ impl Lifecycle {
     /// Configures and activates an unconfigured node.
     ///
     /// # Errors
-    /// What `work` could not do.
+    /// The error of `work`.
     pub fn start(
         &self,
         mut work: impl FnMut(Transition) -> Result<(), NodeError>,

@@ -18,7 +18,7 @@ impl TransportError {
         Self::Other(reason.to_string())
     }
 
-    /// Drops what belongs to the session, as soon as the drop cannot block.
+    /// Drops the session's data, as soon as the drop cannot block.
     pub(super) fn abandoning(mut self, rest: impl Send + 'static) -> Self {
         match &mut self {
             Self::Deadlocked(stuck) => stuck.keep(rest),

@@ -13,7 +13,7 @@ use crate::ros::{Domain, context::DomainError};
 const VARIABLE: &str = "RMW_IMPLEMENTATION";
 const ZENOH: &str = "rmw_zenoh_cpp";
 
-/// What carries messages between processes.
+/// Transport of messages between processes.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Middleware(Kind);

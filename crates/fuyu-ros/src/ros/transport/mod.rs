@@ -1,8 +1,8 @@
-//! Transports: what carries messages between participants.
+//! Transports carry messages between participants.
 //!
-//! A [`Transport`] opens [`Session`]s, one after the other if need be; a session gives every publisher its
-//! [`WireWriter`], passes what arrives to the subscriptions ([`Reader::receive`]), stores in their
-//! [`Counters`](super::endpoint::Counters) what they are matched with, and tells the [`GraphCache`] of other nodes.
+//! A [`Transport`] opens [`Session`]s, one after the other if need be. A session gives every publisher a
+//! [`WireWriter`], passes received samples to the subscriptions ([`Reader::receive`]), counts the matched peers of every
+//! endpoint in its [`Counters`](super::endpoint::Counters), and reports other nodes to the [`GraphCache`].
 //! Everything above (queues, services, parameters, actions, delivery in memory) is the same for all transports.
 
 mod dds;
@@ -32,7 +32,7 @@ pub use middleware::Middleware;
 #[cfg(feature = "zenoh")]
 pub use zenoh::{RouterLog, ZenohConfig, ZenohRouter};
 
-/// What a participant shares with its transport.
+/// Data that a participant shares with its transport.
 #[derive(Clone, Default)]
 pub(super) struct Shared {
     /// Its nodes and endpoints.
@@ -90,11 +90,11 @@ pub(super) trait WireWriter: Send + Sync {
         related: Option<SampleIdentity>,
     ) -> Option<SampleIdentity>;
 
-    /// Waits until living reliable subscribers have what was written, at most `patience`.
+    /// Waits until living reliable subscribers have all written samples, at most `patience`.
     fn wait_for_acknowledgments(&self, patience: Duration);
 }
 
-/// What a session has discovered.
+/// Discovery of a session.
 pub(super) trait Discovery: Send + Sync {
     /// The publishers of other participants.
     fn publishers(&self) -> Vec<RemotePublisher>;

@@ -9,7 +9,7 @@ use crate::control::capture::rendezvous::Rendezvous;
 
 /// Largest deviation of a joint from its reference \[rad or m\].
 const LARGEST_DEVIATION: f64 = 0.2;
-/// Share of the way, from its end, in which the plan is not changed any more.
+/// Share of the approach, from its end, in which the plan is not changed any more.
 const FROZEN: f64 = 0.15;
 /// Ratio of uncertainty and limit at which an approach is given up.
 const GIVEN_UP: f64 = 2.0;

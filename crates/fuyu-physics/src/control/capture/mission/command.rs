@@ -1,10 +1,10 @@
-//! What a mission is given, commands and refuses.
+//! Inputs, commands and errors of a mission.
 
 use nalgebra::Vector3;
 
 use crate::control::gains::ConfigError;
 
-/// What the gripper (or latch) is to do.
+/// Command to the gripper (or latch).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Gripper {
     /// Open.
@@ -29,7 +29,7 @@ pub struct Sample<'a> {
     pub wheels: Vector3<f64>,
 }
 
-/// What the mission commands.
+/// Commands of the mission.
 #[derive(Debug, Clone, Copy)]
 pub struct Command<'a> {
     /// Joint efforts \[N m or N\].

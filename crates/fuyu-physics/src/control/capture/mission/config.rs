@@ -23,7 +23,7 @@ pub struct CaptureConfig {
     pub attitude_limit: f64,
     /// Durations of the approach to choose from \[s\].
     pub approach_times: Vec<f64>,
-    /// What the choice minimises.
+    /// The objective that the choice minimises.
     pub objective: Objective,
     /// Distance from the grasp frame at which the approach ends \[m\].
     pub standoff: f64,
@@ -33,7 +33,7 @@ pub struct CaptureConfig {
     pub approach_axis: Vector3<f64>,
     /// Duration of the final approach \[s\].
     pub final_time: f64,
-    /// Time between two plans on the way \[s\].
+    /// Time between two plans during the approach \[s\].
     pub replan_period: f64,
     /// Sizes of the shapes that keep clear of each other.
     pub clearance: ClearanceConfig,

@@ -1,4 +1,4 @@
-//! Motion of the joints: references, and how they come to rest.
+//! Motion of the joints: references, and how the joints come to rest.
 
 use super::search::Search;
 use super::{AfterStop, CaptureMission, Phase, Stage};

@@ -1,4 +1,4 @@
-//! Measurements of the target, which arrive later than they were exposed.
+//! Measurements of the target, which arrive later than they were taken.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

@@ -47,7 +47,7 @@ pub(super) struct Held {
     pub X_EG: Option<Pose>,
 }
 
-/// What is being done.
+/// The present activity.
 #[derive(Debug, Clone)]
 pub(super) enum Stage {
     Observe,
@@ -61,7 +61,7 @@ pub(super) enum Stage {
     Close(grasp::Closing),
     /// Pulls, to find out whether it holds.
     Pull(grasp::Pull),
-    /// Joints come to rest; what then.
+    /// Joints come to rest; then the next activity begins.
     Stop(Box<JointSpline>, AfterStop),
     Detumble(stabilise::Detumbling),
     Identify(stabilise::Identifying),
@@ -69,7 +69,7 @@ pub(super) enum Stage {
     Rest,
 }
 
-/// What comes after joints have stopped.
+/// Activity after the joints have stopped.
 #[derive(Debug, Clone)]
 pub(super) enum AfterStop {
     /// It plans again, for a reason.
@@ -107,7 +107,7 @@ pub struct CaptureMission {
     abort_requested: bool,
     /// The operator has ended observation before the prediction was good enough, and answers for it.
     accepts_uncertainty: bool,
-    /// What the gripper reports, if it does.
+    /// Whether the gripper holds, if it reports that.
     grip: Option<bool>,
     attempt: u32,
     /// Time of the last sample \[s\].
@@ -118,7 +118,7 @@ pub struct CaptureMission {
     interruptions: u32,
     /// Momentum of the wheels, base axes \[N m s\].
     wheels: Vector3<f64>,
-    /// What it waits for.
+    /// The condition that it waits for.
     note: String,
     efforts: DVector<f64>,
     couple: (Vector3<f64>, Vector3<f64>),
@@ -238,7 +238,7 @@ impl CaptureMission {
         (last.phase == Phase::Aborted).then_some(last.outcome.as_str())
     }
 
-    /// What it waits for, as a line; empty if it does not wait.
+    /// The condition that it waits for, as a line; empty if it does not wait.
     pub fn waits_for(&self) -> &str {
         match self.stage {
             Stage::Observe | Stage::Plan(_) => &self.note,
@@ -270,7 +270,7 @@ impl CaptureMission {
         }
     }
 
-    /// What of the present phase is done, from 0 to 1.
+    /// Progress of the present phase, from 0 to 1.
     pub fn progress(&self) -> f64 {
         let time = self.own.state().time;
         let share = match &self.stage {
@@ -309,7 +309,7 @@ impl CaptureMission {
         }
     }
 
-    /// What the gripper reports: whether it holds the target. Without such a report the arm pulls to find out.
+    /// Report of the gripper: whether it holds the target. Without such a report the arm pulls to find out.
     pub fn set_grip(&mut self, holds: Option<bool>) {
         self.grip = holds;
     }

@@ -1,4 +1,4 @@
-//! Phases of a mission, and what is reported of each.
+//! Phases of a mission, and the quantities that are reported of each.
 
 /// A phase.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,10 +42,10 @@ impl Phase {
     }
 }
 
-/// A figure of a phase.
+/// A quantity of a phase.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Figure {
-    /// What it is.
+    /// Its name.
     pub name: &'static str,
     /// Its value.
     pub value: f64,
@@ -53,7 +53,7 @@ pub struct Figure {
     pub unit: &'static str,
 }
 
-/// What is reported of a phase.
+/// Report of a phase.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhaseReport {
     /// The phase.

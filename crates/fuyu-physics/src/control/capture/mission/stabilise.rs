@@ -287,7 +287,7 @@ impl CaptureMission {
         }
     }
 
-    /// A pause: joints come to rest, and the excitation begins anew afterwards.
+    /// A pause: joints come to rest, and the excitation starts again afterwards.
     fn pause_identification(&mut self, time: f64, identifying: Identifying) -> Stage {
         let mut identifying = identifying;
         let rest = identifying

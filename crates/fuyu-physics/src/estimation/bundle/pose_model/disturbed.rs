@@ -1,5 +1,4 @@
-//! Rotation with disturbances: what keeps a body from rotating freely before a calibrated camera, as unknowns with
-//! priors.
+//! Rotation with disturbances: deviations from a free rotation before a calibrated camera, as unknowns with priors.
 //!
 //! A random walk of the angular acceleration (inertial axes), errors of the camera's gyro, curvature of the centre of
 //! mass's path, and errors of the camera's intrinsics. Each has a prior width that stands for what is usual;
@@ -105,7 +104,7 @@ pub struct Orbit {
 /// Position by position and displacement of the line, and values of the curvature's polynomials.
 type PathBasis = (Matrix3<f64>, Matrix3<f64>, [f64; 3]);
 
-/// What does not change while the fit moves.
+/// Constants of the fit.
 #[derive(Debug)]
 struct Fixed {
     times: Vec<f64>,

@@ -1,4 +1,4 @@
-//! Models of the body's pose in every frame: what bundle adjustment moves.
+//! Models of the body's pose in every frame, whose parameters bundle adjustment estimates.
 //!
 //! [`independent_poses`]: one pose per frame, no dynamics. [`free_positions`]: torque-free rotation, with a position of
 //! its own in each frame. [`linear_com_motion`]: torque-free rotation, centre of mass on a straight line. Another

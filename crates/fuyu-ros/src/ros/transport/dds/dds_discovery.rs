@@ -1,4 +1,4 @@
-//! What a DDS participant has discovered, for questions that must not wait for the connection.
+//! The discovered state of a DDS participant, for queries that must not wait for the connection.
 
 use rustdds::DomainParticipant;
 use std::sync::Arc;

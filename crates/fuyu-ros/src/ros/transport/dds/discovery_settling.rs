@@ -1,9 +1,9 @@
 //! Delay of new endpoints while peers that have just been discovered learn the existing ones.
 //!
-//! A Fast DDS participant that has just discovered ours requests the endpoints that we announced before. If we announce
-//! another one meanwhile, Fast DDS takes it as the first and never reads the earlier ones: it orders announcements by
-//! source timestamp, and rustdds sends none (docs/upstream.md). So no endpoint is created shortly after the discovery of
-//! such a peer; nor shortly after a new participant of ours, which peers are about to discover.
+//! A Fast DDS participant that has just discovered fuyu's participant requests the endpoints that were announced before. If
+//! fuyu announces another endpoint meanwhile, Fast DDS takes it as the first and never reads the earlier announcements: it
+//! orders announcements by source timestamp, and rustdds sends none (docs/upstream.md). So no endpoint is created shortly
+//! after the discovery of such a peer, nor shortly after fuyu has created a participant, which peers are about to discover.
 
 use rustdds::GUID;
 use std::{

@@ -1,8 +1,8 @@
 //! Requests for samples that new writers sent before they were matched.
 //!
 //! A ROS client or `ros2 topic pub --once` sends as soon as it knows the reader; if the reader does not know the writer yet,
-//! the sample is discarded. rustdds requests it when the writer is matched, but Fast DDS ignores this request because of its
-//! count (docs/upstream.md), and repeats the sample with its next heartbeat only, after three seconds.
+//! the sample is discarded. rustdds requests the sample when the writer is matched, but Fast DDS ignores this ACKNACK because
+//! its count is 0 (docs/upstream.md), and repeats the sample only with its next heartbeat, after three seconds.
 
 use rustdds::GUID;
 use std::{

@@ -1,4 +1,4 @@
-//! The endpoints of other participants, and what they are matched with.
+//! The endpoints of other participants, and the local endpoints that they are matched with.
 
 use rustdds::{
     DomainParticipant, DomainParticipantStatusListener, GUID, QosPolicies, RTPSEntity,
@@ -38,7 +38,7 @@ pub(super) struct Peers {
     new_writers: NewWriters,
 }
 
-/// What an endpoint of this participant is matched with.
+/// Matched peers of an endpoint of this participant.
 struct Matches {
     local: GUID,
     remotes: HashMap<Gid, Remote>,

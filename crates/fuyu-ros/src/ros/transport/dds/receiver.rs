@@ -197,7 +197,7 @@ struct ReaderState {
     readers: Vec<Arc<Reader>>,
     /// The last sample of each publisher.
     last: SequenceNumbers,
-    /// What a late transient-local subscription gets: the last samples of each publisher, oldest first.
+    /// Samples for a late transient-local subscription: the last of each publisher, oldest first.
     kept: HashMap<Gid, VecDeque<RawSample>>,
 }
 

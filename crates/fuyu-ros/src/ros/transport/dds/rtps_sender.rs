@@ -1,6 +1,6 @@
 //! RTPS messages that rustdds does not send, or sends in a form that no peer can read (docs/upstream.md).
 //!
-//! They carry GUIDs of the participant's own endpoints, so a peer handles them like messages of rustdds.
+//! The messages carry GUIDs of the participant's own endpoints, so a peer handles them like messages of rustdds.
 
 use rustdds::{
     DomainParticipant, GUID, RTPSEntity, SequenceNumber, Timestamp, rpc::SampleIdentity,
@@ -33,7 +33,7 @@ const END_OF_PARAMETERS: u16 = 0x0001;
 
 /// Bytes of a datagram of rustdds that are not payload.
 const AROUND_PAYLOAD: usize = 80;
-/// What rustdds sends in one datagram over loopback \[bytes\].
+/// Largest datagram of rustdds over loopback \[bytes\].
 const LOOPBACK: usize = 65_488;
 /// Headers of a datagram that rustdds subtracts from the MTU of an interface, and the MTU that it assumes for peers behind
 /// a router \[bytes\].
@@ -57,7 +57,7 @@ fn smallest_mtu() -> usize {
     mtus.fold(ETHERNET, usize::min)
 }
 
-/// What a reader says it has received.
+/// Acknowledgement of a reader.
 #[derive(Clone, Copy)]
 enum Acknowledged {
     /// Nothing, and it requests the first sample.
@@ -70,7 +70,7 @@ enum Acknowledged {
 pub(super) struct RtpsSender {
     participant: DomainParticipant,
     socket: UdpSocket,
-    /// What rustdds sends in one datagram to any peer that also listens elsewhere than on loopback \[bytes\].
+    /// Largest datagram of rustdds to a peer that also listens elsewhere than on loopback \[bytes\].
     elsewhere: usize,
 }
 

@@ -30,7 +30,7 @@ pub(super) struct DdsWriter {
     dds_topic: String,
     /// The topic in this process.
     local: Arc<LocalTopic>,
-    /// Sends what rustdds does not.
+    /// Sends RTPS messages that rustdds does not send.
     rtps: Option<Arc<RtpsSender>>,
     /// Sequence number of the last sample.
     last_number: AtomicI64,

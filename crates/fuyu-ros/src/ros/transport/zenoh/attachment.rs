@@ -1,4 +1,4 @@
-//! What accompanies every message: sequence number, time of publication and identity of its publisher.
+//! Attachment of every message: sequence number, time of publication and identity of its publisher.
 
 use crate::ros::{Gid, Time};
 

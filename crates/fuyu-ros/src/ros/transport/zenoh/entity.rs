@@ -12,7 +12,7 @@ use crate::ros::{Gid, Qos};
 /// First part of all tokens. The `@` keeps wildcards of others from matching them.
 const PREFIX: &str = "@ros2_lv";
 
-/// What a token describes.
+/// Kind of entity that a token describes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum EntityKind {
     Node,

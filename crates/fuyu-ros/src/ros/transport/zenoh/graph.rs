@@ -1,4 +1,4 @@
-//! The graph as liveliness tokens tell it: the nodes of other sessions, and what the endpoints of this one are
+//! The graph from liveliness tokens: the nodes of other sessions, and the peers that this session's endpoints are
 //! matched with.
 
 use std::{
@@ -92,7 +92,7 @@ impl ZenohGraph {
         self.shared.graph.replace(session.as_bytes(), nodes)
     }
 
-    /// Counts anew what the endpoints of a topic or service are matched with.
+    /// Counts again the matched peers of the endpoints of a topic or service.
     fn update_matches(&self, known: &mut Known, changed: &TopicKey) {
         let endpoints = self.shared.endpoints.lock();
         let endpoints = endpoints.unwrap_or_else(PoisonError::into_inner);
@@ -106,7 +106,7 @@ impl ZenohGraph {
         }
     }
 
-    /// Counts what a new endpoint is matched with.
+    /// Counts the matched peers of a new endpoint.
     pub(super) fn count(&self, spec: &EndpointSpec, side: Side, counters: &Counters) {
         self.lock().count(spec, side, counters);
     }
@@ -148,7 +148,7 @@ impl Known {
     }
 }
 
-/// What an endpoint is matched with.
+/// Matched peers of an endpoint.
 fn counterpart(role: &Role, side: Side) -> EntityKind {
     match (role, side) {
         (Role::Topic, Side::Writer) => EntityKind::Subscription,

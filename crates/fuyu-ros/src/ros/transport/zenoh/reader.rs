@@ -29,7 +29,7 @@ use crate::ros::{
 /// How long the cache of a publisher may take to answer.
 const HISTORY_TIMEOUT: Duration = Duration::from_secs(600);
 
-/// What receives for a subscription; ends when dropped.
+/// Receiver of a subscription; ends when dropped.
 pub(super) enum ZenohReader {
     Topic {
         _subscriber: AdvancedSubscriber<()>,

@@ -105,7 +105,7 @@ struct Throttle {
 }
 
 impl Throttle {
-    /// What to log of a text that comes now.
+    /// The line to log for a text that arrives now.
     fn pass(&mut self, text: String, now: Instant) -> Option<String> {
         if let Some((last, unlogged)) = self.logged.get_mut(&text) {
             *unlogged += 1;

@@ -1,4 +1,4 @@
-//! Looks for a router before the nodes start (`ZENOH_ROUTER_CHECK_ATTEMPTS`): without one, they find no others.
+//! Looks for a router before the nodes start (`ZENOH_ROUTER_CHECK_ATTEMPTS`): without a router, nodes do not find each other.
 
 use std::{
     thread,

@@ -1,4 +1,4 @@
-//! What a router has to say: warnings of Zenoh, and what access control refuses, which Zenoh itself tells nobody.
+//! Log of a router: warnings of Zenoh, and messages that access control refuses, which Zenoh itself does not report.
 
 use std::{
     collections::HashMap,
@@ -112,7 +112,7 @@ struct AccessControl {
 }
 
 impl AccessControl {
-    /// What a session has tried in vain.
+    /// Refused actions of a session.
     fn refusal(&self, message: &str) -> Option<String> {
         let mut roles = self.roles.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(result) = message.strip_prefix("Using cached result: ") else {

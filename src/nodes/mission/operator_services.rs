@@ -1,4 +1,4 @@
-//! The operator's services.
+//! Services for the operator of a mission: hold, resume, skip, abort.
 
 use crate::{
     control::capture::{CaptureMission, MissionError},
@@ -6,7 +6,7 @@ use crate::{
     ros::{Calls, Node, NodeError},
 };
 
-/// What an operator asks for.
+/// Request of an operator.
 #[derive(Clone, Copy)]
 enum Wish {
     Hold,
@@ -56,7 +56,7 @@ impl Operator {
     }
 }
 
-/// Does what is asked for; returns the phase.
+/// Executes a request; returns the phase.
 fn act(wish: Wish, mission: &mut CaptureMission) -> Result<String, MissionError> {
     match wish {
         Wish::Hold => mission.hold()?,

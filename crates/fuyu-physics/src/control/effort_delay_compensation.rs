@@ -1,12 +1,12 @@
-//! Delay compensation: joint states at the time at which the efforts that answer them act.
+//! Delay compensation: predicts the joint state at the time at which the efforts that answer it act.
 //!
-//! Over a network, the efforts that answer the state of time `t` act at `t + d`. A law that uses the state of `t` then damps
-//! with a delay, which is unstable unless its gains are small ([`SampledDamping::limit_if_late`]). So the state is
-//! predicted: from `t` to `t + d` by the robot's equations of motion, with the efforts that have been sent and act in that
+//! Over a network, the efforts that answer the state at time `t` act at `t + d`. A law that uses the state at `t` then damps
+//! with a delay, and the loop is unstable unless the gains are small ([`SampledDamping::limit_if_late`]). So the state is
+//! predicted from `t` to `t + d` by the robot's equations of motion, with the efforts that have been sent and act in that
 //! time (a state predictor: Manitius and Olbrot, Finite spectrum assignment problem for systems with delays, IEEE Trans.
-//! Automatic Control 24 (1979) 541). The law then sees the state on which its efforts act.
+//! Automatic Control 24 (1979) 541). The law then gets the state on which its efforts act.
 //!
-//! With an exact model nothing is left of the delay. With a relative error `ε` of the model's inertia, sampled damping at the
+//! With an exact model the delay has no effect. With a relative error `ε` of the model's inertia, sampled damping at the
 //! rate `λ` obeys `z^(m+1) - (1 - (1 + ε) λ T) z^m - ε λ T = 0` for a delay of `m` periods `T`. All roots lie within the unit
 //! circle, whatever `m` is, if `|1 - (1 + ε) λ T| + |ε| λ T < 1` (Rouché), thus if `|ε| < 1/2` and `λ T < 2 / (1 + 2 |ε|)`.
 
@@ -28,7 +28,7 @@ const FIRST_DELAYS: usize = 10;
 const WINDOW: usize = 31;
 /// The longest delay that is compensated, in periods of the states.
 const MAX_PERIODS: f64 = 50.0;
-/// Commands that are remembered: more than can be on their way.
+/// Number of stored commands: more than can be sent and not act yet.
 const REMEMBERED: usize = 64;
 /// Relative error of the model's inertia that the loop must bear.
 const MODEL_ERROR: f64 = 0.2;
@@ -37,7 +37,7 @@ const SLEW: f64 = 0.1;
 /// Longest step of the prediction \[s\].
 const MAX_STEP: f64 = 0.005;
 
-/// What is done about the delay of the efforts in a step.
+/// Compensation of the delay of the efforts in a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DelayStatus {
     /// Delays are not compensated.
@@ -66,7 +66,7 @@ pub enum DelayError {
         /// The longest that is compensated \[s\].
         limit: f64,
     },
-    /// The gains are too large for what remains of the delay.
+    /// The gains are too large for the remaining uncertainty of the delay.
     #[error(
         "efforts act {delay:.3} s after the states that they answer, with a spread of {spread:.3} s, and the law damps at \
          {rate:.0} 1/s; that is stable up to {limit:.0} 1/s"
@@ -156,7 +156,7 @@ impl DelayCompensation {
         self.delays.push_back(delay);
     }
 
-    /// What to do about the delay of the efforts that answer the state of `stamp` with the joint positions `q`.
+    /// How to compensate the delay of the efforts that answer the state of `stamp` with the joint positions `q`.
     pub fn judge(
         &mut self,
         stamp: Stamp,

@@ -191,7 +191,7 @@ pub(super) fn edge(label: &str, from: u8) -> Option<Edge> {
         .find(|&(_, name, start, _)| name == label && start == from)
 }
 
-/// What clients ask for: by name if there is one, else by number.
+/// The transition that a client requests: by name if there is one, else by number.
 pub(super) fn requested(request: &ChangeStateRequest, from: u8) -> Result<Edge, String> {
     let Way { id, label } = &request.transition;
     let asked = |&&(number, name, start, _): &&Edge| {

@@ -1,4 +1,4 @@
-//! Latency compensation: tips and goals at the time of the joint state, from camera measurements that are older.
+//! Latency compensation: predicts tips and goals at the time of the joint state from older camera measurements.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

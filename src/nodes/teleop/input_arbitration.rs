@@ -1,4 +1,4 @@
-//! Arbitration between joystick and twists.
+//! Arbitration between the operator's inputs, joystick (`joy`) and twists (`cmd_vel`).
 
 use std::time::{Duration, Instant};
 
@@ -8,7 +8,7 @@ use crate::{
     spatial::Twist,
 };
 
-/// What the operator requests.
+/// Request of the operator.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Request {
     /// No message has arrived yet.

@@ -1,4 +1,4 @@
-//! What the controller node logs about the delay of its efforts.
+//! Log messages of the controller node about the delay of its efforts.
 
 use crate::{
     control::{DelayStatus, LoopReport, Stamp},
@@ -30,7 +30,7 @@ impl DelayNotices {
         }
     }
 
-    /// Follows a step. Returns what is wrong with the delay, which is published on `topic`.
+    /// Follows a step. Returns a problem of the delay, which is published on `topic`.
     pub(super) fn follow(&mut self, report: &LoopReport, topic: &str) -> Option<String> {
         let node = &self.node;
         if report.delay != DelayStatus::Measuring {
