@@ -156,19 +156,6 @@ impl Estimations {
     }
 }
 
-fn figure(title: &str, panels: Vec<Panel>) -> Option<Figure> {
-    let panels: Vec<_> = panels
-        .into_iter()
-        .filter(|p| p.series.iter().any(|s| s.points.len() > 1))
-        .collect();
-    (!panels.is_empty()).then(|| Figure {
-        title: title.into(),
-        x_label: "time [s]".into(),
-        panels,
-        ..Figure::default()
-    })
-}
-
 fn curve<T>(name: impl Into<String>, samples: &[T], point: impl Fn(&T) -> (f64, f64)) -> Series {
     Series {
         name: name.into(),
@@ -180,7 +167,7 @@ fn tip_error(run: &RecordedRun) -> Option<Figure> {
     let start = run.start();
     let samples = &run.controller;
     let time = |s: &super::ControllerSample| seconds_since(start, s.time);
-    figure(
+    Figure::over_time(
         "Tip error",
         vec![
             Panel {
@@ -218,7 +205,7 @@ fn base_motion(run: &RecordedRun) -> Option<Figure> {
             (time(b), run.base_com(b)[k] - first[k])
         })
     };
-    figure(
+    Figure::over_time(
         "Base drift",
         vec![
             Panel {
@@ -248,7 +235,7 @@ fn momentum(run: &RecordedRun) -> Option<Figure> {
         log: true,
         ..Panel::default()
     };
-    figure(
+    Figure::over_time(
         "Momentum residual",
         vec![
             panel("linear momentum", &residuals[0], "N s"),
@@ -290,5 +277,5 @@ fn joint_rates(run: &RecordedRun) -> Option<Figure> {
         panels.push(panel("effort [N m]", false, |s| &s.effort));
         panels.push(panel("effort [N]", true, |s| &s.effort));
     }
-    figure("Joint rates and efforts", panels)
+    Figure::over_time("Joint rates and efforts", panels)
 }

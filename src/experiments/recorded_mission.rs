@@ -2,7 +2,7 @@
 
 use super::chart::{Figure, Panel, Series};
 use super::recorded::{RecordedRun, seconds_since};
-use crate::msg::fuyu_msgs::MissionState;
+use crate::{control::capture::Phase, msg::fuyu_msgs::MissionState};
 
 /// Largest angular velocity of the base after a target was stopped \[rad/s\]: 0.05 deg/s.
 pub const STOPPED_RATE: f64 = 8.726_646_259_971_648e-4;
@@ -55,7 +55,9 @@ pub fn phases(state: &MissionState) -> Vec<RecordedPhase<'_>> {
 
 /// Whether the mission is over.
 pub fn is_over(state: &MissionState) -> bool {
-    matches!(state.phase.as_str(), "done" | "aborted")
+    [Phase::Done, Phase::Aborted]
+        .iter()
+        .any(|phase| phase.name() == state.phase)
 }
 
 /// Angular velocity of the base at the last state up to `time` \[s\], in rad/s.
@@ -71,9 +73,7 @@ pub fn mission_figure(run: &RecordedRun) -> Option<Figure> {
     let phases = phases(run.mission.as_ref()?);
     let start = run.start();
     let origin = start as f64 * 1e-9;
-    let names = [
-        "observe", "plan", "approach", "grasp", "detumble", "identify",
-    ];
+    let names = Phase::IN_ORDER.map(Phase::name);
     let level = |name: &str| names.iter().position(|n| *n == name);
     let steps = phases.iter().filter_map(|phase| {
         let level = level(phase.name)? as f64;
@@ -110,16 +110,7 @@ pub fn mission_figure(run: &RecordedRun) -> Option<Figure> {
         ),
         panel("rate [deg/s]", "base", rates.collect()),
     ];
-    let panels: Vec<_> = panels
-        .into_iter()
-        .filter(|p| p.series.iter().any(|s| s.points.len() > 1))
-        .collect();
-    (!panels.is_empty()).then(|| Figure {
-        title: "Capture mission".into(),
-        x_label: "time [s]".into(),
-        panels,
-        ..Figure::default()
-    })
+    Figure::over_time("Capture mission", panels)
 }
 
 #[cfg(test)]

@@ -99,6 +99,20 @@ const COLOURS: [RGBColor; 7] = [
 ];
 
 impl Figure {
+    /// Over time in seconds, of the panels that have a curve; `None` if none has.
+    pub fn over_time(title: &str, panels: Vec<Panel>) -> Option<Self> {
+        let panels: Vec<_> = panels
+            .into_iter()
+            .filter(|p| p.series.iter().any(|s| s.points.len() > 1))
+            .collect();
+        (!panels.is_empty()).then(|| Self {
+            title: title.into(),
+            x_label: "time [s]".into(),
+            panels,
+            ..Self::default()
+        })
+    }
+
     /// Draws the figure to `stem.svg` and `stem.png`; returns both paths.
     ///
     /// # Errors

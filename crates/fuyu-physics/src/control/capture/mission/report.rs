@@ -22,6 +22,16 @@ pub enum Phase {
 }
 
 impl Phase {
+    /// The phases of a mission that succeeds, in order.
+    pub const IN_ORDER: [Self; 6] = [
+        Self::Observe,
+        Self::Plan,
+        Self::Approach,
+        Self::Grasp,
+        Self::Detumble,
+        Self::Identify,
+    ];
+
     /// Its name.
     pub fn name(self) -> &'static str {
         match self {
