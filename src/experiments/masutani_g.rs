@@ -50,7 +50,7 @@ impl Link {
 }
 
 impl SerialArm {
-    /// An arm of so many links, none of whose parameters is zero.
+    /// An arm with this number of links, none of whose parameters is zero.
     pub fn example(links: usize) -> Self {
         let tensor = Matrix3::new(2.0, 0.1, -0.2, 0.1, 1.5, 0.3, -0.2, 0.3, 1.8);
         let link = |k: usize| Link {

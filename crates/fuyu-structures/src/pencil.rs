@@ -92,7 +92,7 @@ fn damped(
     Ok(nonzero.map(|t| Complex::new(scale, 0.0) / t).collect())
 }
 
-/// Rejects a matrix that is singular but for rounding, after scaling its diagonal to 1.
+/// Rejects a matrix that is singular up to rounding, after scaling its diagonal to 1.
 fn check_regular(C: &DMatrix<f64>) -> Result<(), StructureError> {
     let scales = C
         .diagonal()

@@ -174,7 +174,7 @@ impl PlateStrip {
     }
 }
 
-/// An appendage with modes of two kinds, so many of each. They are named by a letter and numbers from 1.
+/// An appendage with modes of two kinds, in the given numbers. They are named by a letter and numbers from 1.
 fn with_modes(
     name: &str,
     (invariants, outputs): (Invariants, Vec<OutputPoint>),

@@ -23,7 +23,7 @@ pub fn robot_of(nodes: &[Node]) -> Option<String> {
         .then(|| first.to_owned())
 }
 
-/// The summary text, and why the result is not what was asked for because the computer was too slow. `robot` is the namespace
+/// The summary text, and how the result differs from the scenario's because the computer was too slow. `robot` is the namespace
 /// of the robot, if it has one.
 pub fn summary(
     plan: &Plan,

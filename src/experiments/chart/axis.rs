@@ -14,7 +14,7 @@ pub(super) struct Axis {
 
 /// How ticks are labelled.
 enum Labels {
-    /// With so many decimals, which distinguish the ticks.
+    /// Number of decimals that distinguishes the ticks.
     Decimals(usize),
     /// The position is a logarithm: as powers of ten.
     Powers,

@@ -1,4 +1,4 @@
-//! Divergence: a motion that grows beyond all measure, and the state to return to.
+//! Divergence: a motion that is too fast or not finite, and the state to return to.
 
 use super::free_body::{FreeBody, Restorable};
 use crate::dynamics::Floating;

@@ -8,7 +8,7 @@ use crate::ros::Time;
 const REMEMBERED: usize = 64;
 /// Number of consecutive answered states after which unanswered ones are forgotten.
 const FORGIVEN_AFTER: u32 = 100;
-/// The same if the answers were late: a commander that skips states does not answer so many consecutive ones.
+/// The same if the answers were late: a commander that skips states does not answer this many consecutive states.
 const CONSECUTIVE: u32 = 10;
 
 /// Counts the states that are answered: a command answers the state whose stamp it carries.

@@ -35,7 +35,7 @@ impl DiskSpace {
         self.lock().patience = Patience::Endless;
     }
 
-    /// Waits for space only for so long from now.
+    /// Waits for space only for this time from now.
     pub fn give_up_after(&self, time: Duration) {
         self.lock().patience = Patience::Until(Instant::now() + time);
     }

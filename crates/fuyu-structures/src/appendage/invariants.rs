@@ -34,7 +34,7 @@ impl Invariants {
         invariants
     }
 
-    /// All integrals zero, but for the mass.
+    /// All integrals zero, except the mass.
     fn zeros(mass: f64, modes: usize, second_order: bool) -> Self {
         let pairs = if second_order {
             pairs(modes).count()

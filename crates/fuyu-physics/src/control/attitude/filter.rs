@@ -25,7 +25,7 @@ pub struct AttitudeFilterConfig {
     /// Largest normalized squared innovation that is accepted. It has three degrees of freedom: above 30 are 1.4e-6 of
     /// correct measurements.
     pub gate: f64,
-    /// After so many measurements in a row beyond the gate the filter starts again with the last one.
+    /// After this number of consecutive measurements beyond the gate the filter starts again with the last one.
     pub restart_after: u32,
 }
 

@@ -34,7 +34,7 @@ pub struct ThrusterAllocator {
     solver: NonNegative,
     period: f64,
     on_times: Vec<f64>,
-    /// Impulse of the torque that was asked for but not given for the shortest on-times \[N m s\].
+    /// Impulse of the requested torque that was not given because of the shortest on-times \[N m s\].
     remainder: Vector3<f64>,
 }
 

@@ -35,7 +35,7 @@ pub struct RendezvousPlanner {
     pub(super) free: DVector<f64>,
 }
 
-/// The rendezvous that is asked for.
+/// The requested rendezvous.
 #[derive(Debug, Clone, Copy)]
 pub struct Rendezvous<'a> {
     /// The start.

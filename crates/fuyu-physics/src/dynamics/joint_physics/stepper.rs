@@ -53,7 +53,7 @@ pub(in crate::dynamics) struct Stepper {
 }
 
 impl Stepper {
-    /// For a method with so many stages; `None` if the model's joints have nothing to simulate. `is_tree` if there are no
+    /// For a method with this number of stages; `None` if the model's joints have nothing to simulate. `is_tree` if there are no
     /// closed loops, for which only damping is simulated.
     pub fn new(
         model: &Model,

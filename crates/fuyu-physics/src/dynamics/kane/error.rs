@@ -37,7 +37,7 @@ pub enum CutError {
         /// The name of the body whose frame it is.
         body: String,
     },
-    /// The hinges cannot satisfy so many constraints, of this cut alone or together with those before it.
+    /// The hinges cannot satisfy the constraints of this cut, alone or together with those of earlier cuts.
     #[error(
         "cut {cut} over-constrains its loop: {hinges} hinges cannot satisfy {constraints} constrained directions; \
          leave out directions in which those hinges never move"
