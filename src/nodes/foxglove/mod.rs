@@ -49,7 +49,7 @@ const LOOK: Duration = Duration::from_millis(200);
 /// Prefix of the annotation topics; a viewer draws the last message of each.
 const ANNOTATIONS: &str = "camera/annotations";
 
-/// Name of the background image below that prefix: the camera produces no pixels, and a viewer needs an image to draw on.
+/// Name of the grey background image below that prefix: a viewer needs an image to draw on where the camera renders none.
 const BACKGROUND: &str = "background";
 
 /// The operator's page and its access token.

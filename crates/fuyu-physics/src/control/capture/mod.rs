@@ -39,7 +39,7 @@ pub use detumble::{DetumbleLimits, Detumbler, SharedCouple, Stack, WheelLimits};
 pub use excitation::Excitation;
 pub use frame_motion::FrameMotion;
 pub use mission::{
-    CaptureConfig, CaptureMission, Command, Figure, Gripper, MissionError, Phase, PhaseReport,
+    CaptureConfig, CaptureMission, Command, Gripper, MissionError, Phase, PhaseFigure, PhaseReport,
     Sample,
 };
 pub use own_motion::{OwnMotion, inertial_state};

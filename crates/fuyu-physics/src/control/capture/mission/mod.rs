@@ -12,7 +12,7 @@ mod stabilise;
 
 pub use command::{Command, Gripper, MissionError, Sample};
 pub use config::CaptureConfig;
-pub use report::{Figure, Phase, PhaseReport};
+pub use report::{Phase, PhaseFigure, PhaseReport};
 
 use std::collections::VecDeque;
 

@@ -52,9 +52,9 @@ impl Phase {
     }
 }
 
-/// A quantity of a phase.
+/// A number that a phase reports.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Figure {
+pub struct PhaseFigure {
     /// Its name.
     pub name: &'static str,
     /// Its value.
@@ -75,7 +75,7 @@ pub struct PhaseReport {
     /// How it ended, as a line; empty while it lasts.
     pub outcome: String,
     /// Figures.
-    pub figures: Vec<Figure>,
+    pub figures: Vec<PhaseFigure>,
 }
 
 impl PhaseReport {
@@ -93,7 +93,7 @@ impl PhaseReport {
     pub(super) fn set(&mut self, name: &'static str, value: f64, unit: &'static str) {
         match self.figures.iter_mut().find(|f| f.name == name) {
             Some(figure) => figure.value = value,
-            None => self.figures.push(Figure { name, value, unit }),
+            None => self.figures.push(PhaseFigure { name, value, unit }),
         }
     }
 
