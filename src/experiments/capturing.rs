@@ -23,9 +23,6 @@ use crate::{
     vision::{FeatureFrame, PoseCamera, PoseFrame},
 };
 
-/// How long a couple on the base acts if no other one follows \[s\].
-const COUPLE_TIMEOUT: f64 = 0.5;
-
 /// A mission and what it observes with.
 pub struct Capturing {
     mission: CaptureMission,
@@ -46,6 +43,8 @@ pub struct Capturing {
     predictions: Vec<crate::msg::nav_msgs::Path>,
     gripper: Gripper,
     pushes: bool,
+    /// How long a couple on the base acts if no other one follows \[s\].
+    couple_timeout: f64,
     load: GraspLoad,
 }
 
@@ -110,8 +109,6 @@ pub struct CaptureAnswer<'a> {
     pub predictions: &'a [crate::msg::nav_msgs::Path],
     /// The mission.
     pub mission: &'a CaptureMission,
-    /// The robot.
-    pub model: &'a Model,
     /// Joint efforts that it commands.
     pub efforts: Vec<f64>,
     /// Couple on the base \[N m\], if it commands one.
@@ -177,6 +174,7 @@ impl Capturing {
             predictions: Vec::new(),
             gripper: Gripper::Open,
             pushes: false,
+            couple_timeout: scenario.dynamics()?.motions.wrench_timeout,
             load: GraspLoad::default(),
         })
     }
@@ -263,7 +261,7 @@ impl Capturing {
         let couple = (pushes || self.pushes).then_some(couple);
         self.pushes = pushes;
         if let Some(couple) = couple {
-            world.hold_couple(couple, COUPLE_TIMEOUT).map_err(at)?;
+            world.hold_couple(couple, self.couple_timeout).map_err(at)?;
         }
         if gripper != self.gripper {
             self.gripper = gripper;
@@ -273,7 +271,6 @@ impl Capturing {
             feature_frames: &self.features,
             predictions: &self.predictions,
             mission: &self.mission,
-            model: self.mission.model(),
             efforts,
             couple,
         })

@@ -3,11 +3,7 @@
 use nalgebra::UnitQuaternion;
 
 use crate::{
-    estimation::{
-        BatchSolution, MotionTracker, TrackLoss, Tracks,
-        bundle::{self, Widths},
-        estimate,
-    },
+    estimation::{BatchSolution, MotionTracker, TrackLoss, Tracks, estimate},
     msg::{nav_msgs::Path, sensor_msgs::Imu},
     nodes::{
         camera::CAMERA_FRAME,
@@ -15,9 +11,6 @@ use crate::{
     },
     vision::{FeatureFrame, Pinhole},
 };
-
-/// Longest time between two batches while there is no motion yet \[s\].
-const RETRY_PERIOD: f64 = 2.0;
 
 /// What the estimator node does with features and gyro, with batch solutions that take no time: the first frame after
 /// the one that completes a window sees the new solution.
@@ -98,25 +91,12 @@ impl EstimationLoop {
 
     /// Solves a batch, if one is due.
     fn solve(&mut self, time: f64) {
-        let period = match &self.tracker {
-            Some(_) => self.params.solve_period,
-            None => self.params.solve_period.min(RETRY_PERIOD),
-        };
+        let period = self.params.batch_period(self.tracker.is_some());
         if (self.solved_at).is_some_and(|at| time < at + period) {
             return;
         }
         self.solved_at = Some(time);
-        let widths = self.params.widths;
-        let options = bundle::Options {
-            pixel_noise: self.params.pixel_noise,
-            widths: Widths {
-                gyro_noise: self.attitude.gyro_noise().unwrap_or(widths.gyro_noise),
-                ..widths
-            },
-            camera_motion: self.attitude.gyro.motion(),
-            with_points: self.params.known_length.is_some(),
-            ..bundle::Options::default()
-        };
+        let options = self.params.batch_options(&self.attitude);
         let Ok(estimated) = estimate(self.params.method, &self.tracks, &self.camera, &options)
         else {
             return;

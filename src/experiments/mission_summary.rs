@@ -82,7 +82,7 @@ impl MissionSummary {
                 true => last.map_or_else(String::new, |last| last.outcome.clone()),
                 false => mission.waits_for().to_owned(),
             },
-            end: last.filter(|_| phase.is_over()).map(|last| last.start),
+            end: mission.ended(),
             mass,
             mass_error: mass.map(|mass| (mass / truth - 1.0).abs()),
             final_rate: captured.then(|| world.robot.V_WB_B().angular.norm()),

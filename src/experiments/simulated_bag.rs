@@ -197,6 +197,14 @@ impl TargetTopics {
     }
 }
 
+/// What an estimator and a mission publish.
+struct CaptureTopics {
+    prediction: TopicId,
+    wrench: TopicId,
+    state: TopicId,
+    timer: mission::StateTimer,
+}
+
 /// Topics of camera and controller.
 struct ServoTopics {
     tip_pose: TopicId,
@@ -206,10 +214,7 @@ struct ServoTopics {
     commands: TopicId,
     /// Of a controller.
     state: Option<TopicId>,
-    /// Of an estimator, and of a mission.
-    prediction: Option<TopicId>,
-    wrench: Option<TopicId>,
-    mission: Option<(TopicId, mission::StateTimer)>,
+    capture: Option<CaptureTopics>,
     messages: Option<ControllerMessages>,
 }
 
@@ -282,19 +287,13 @@ impl RobotTopics {
                         Some(_) => None,
                         None => Some(w.add(&topics::CONTROLLER_STATE)?),
                     },
-                    prediction: match run.capturing() {
-                        Some(_) => Some(w.add(&topics::PREDICTION)?),
-                        None => None,
-                    },
-                    wrench: match run.capturing() {
-                        Some(_) => Some(w.add(&topics::WRENCH)?),
-                        None => None,
-                    },
-                    mission: match run.capturing() {
-                        Some(_) => Some((
-                            w.add(&topics::MISSION_STATE)?,
-                            mission::StateTimer::default(),
-                        )),
+                    capture: match run.capturing() {
+                        Some(_) => Some(CaptureTopics {
+                            prediction: w.add(&topics::PREDICTION)?,
+                            wrench: w.add(&topics::WRENCH)?,
+                            state: w.add(&topics::MISSION_STATE)?,
+                            timer: mission::StateTimer::default(),
+                        }),
                         None => None,
                     },
                     messages: None,
@@ -453,27 +452,23 @@ impl SimulatedBag {
                 w.write_message(features, log, &message)?;
             }
         }
-        if let Some(capture) = &moment.capture {
+        if let (Some(topics), Some(capture)) = (&mut servo.capture, &moment.capture) {
             let header = std_msgs::Header {
                 stamp: stamp.into(),
                 frame_id: base.to_owned(),
             };
-            if let Some(prediction) = servo.prediction {
-                for path in capture.predictions {
-                    w.write_message(prediction, log, path)?;
-                }
+            for path in capture.predictions {
+                w.write_message(topics.prediction, log, path)?;
             }
-            if let (Some(wrench), Some(couple)) = (servo.wrench, &capture.couple) {
+            if let Some(couple) = &capture.couple {
                 let message = mission::couple(header.clone(), couple);
-                w.write_message(wrench, log, &message)?;
+                w.write_message(topics.wrench, log, &message)?;
             }
-            if let Some((topic, timer)) = &mut servo.mission
-                && timer.is_due(capture.mission, time)
-            {
+            if topics.timer.is_due(capture.mission, time) {
                 let state = mission::state(capture.mission, header.clone());
-                w.write_message(*topic, log, &state)?;
+                w.write_message(topics.state, log, &state)?;
             }
-            let model = capture.model;
+            let model = capture.mission.model();
             let message = mission::efforts(model, header, &capture.efforts);
             w.write_message(servo.commands, log, &message)?;
         }

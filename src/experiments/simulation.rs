@@ -12,8 +12,8 @@ use crate::{
     bag::BagError, control::ConvergenceFailure, nodes::scenario::Scenario, vision::PoseFrame,
 };
 
-/// Time that is simulated after the last mission is over \[s\].
-const AFTER_MISSIONS: f64 = 2.0;
+/// Time that is simulated after the last mission is over, here and by `fuyu launch` \[s\].
+pub const AFTER_MISSIONS: f64 = 2.0;
 /// Simulated time of a scenario that states none \[s\].
 const DEFAULT_DURATION: f64 = 60.0;
 

@@ -10,7 +10,7 @@ use std::{
 };
 
 use crate::{
-    experiments::recorded_mission,
+    experiments::{recorded_mission, simulation::AFTER_MISSIONS},
     msg::{
         fuyu_msgs::{ControllerState, MissionState},
         rosgraph_msgs::Clock,
@@ -19,8 +19,6 @@ use crate::{
     ros::{Node, NodeError, Qos, Subscription, Time},
 };
 
-/// Simulated time after the end of the last mission at which a launch ends \[s\].
-const AFTER_MISSIONS: f64 = 2.0;
 /// Interval between two looks at the topics.
 const PERIOD: Duration = Duration::from_millis(50);
 
@@ -76,8 +74,8 @@ impl Observed {
     }
 }
 
-/// The node's program: subscribes to `/clock`, to `controller/state` of the `controllers`, to `mission/state` of the `missions`, and to the odometry of `robots`,
-/// the dynamics nodes of several robots. It ends when the duration is over for
+/// The node's program: subscribes to `/clock`, to `controller/state` of the `controllers`, to `mission/state` of the
+/// `missions`, and to the odometry of `robots`, the dynamics nodes of several robots. It ends when the duration is over for
 /// all, or when all missions have been over for [`AFTER_MISSIONS`].
 ///
 /// # Errors

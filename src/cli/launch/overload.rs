@@ -106,7 +106,7 @@ fn deviation(
 /// which this small delay changes the result, as near a singularity, the range between the two is right. Names the robot
 /// if there are several.
 pub fn missed(scenario: &Scenario, errors: &TipErrors, end: f64) -> Option<String> {
-    if !scenario.nodes().iter().any(|n| n.name() == "controller") {
+    if !scenario.has("controller") {
         return None;
     }
     // Without a reference the tips have to arrive.

@@ -7,15 +7,13 @@ use super::{
     health,
     messages::Snapshot,
     monotonic::Monotonic,
+    params::RETRY_PERIOD,
     solver::{Job, Solved, Solver},
 };
 use std::time::Instant;
 
 use crate::{
-    estimation::{
-        BatchSolution, GYRO_GAP, MotionTracker, TrackLoss, Tracks,
-        bundle::{self, Widths},
-    },
+    estimation::{BatchSolution, GYRO_GAP, MotionTracker, TrackLoss, Tracks},
     nodes::{
         camera::CAMERA_FRAME,
         features::{camera_from_msg, rectified},
@@ -26,10 +24,6 @@ use crate::{
 
 /// Number of frame intervals without a frame after which the motion is extrapolated.
 const MISSED_INTERVALS: f64 = 3.0;
-
-/// Longest time between the starts of two batches while there is no motion yet, and the time without frames after which
-/// the last ones are solved \[s\].
-const RETRY_PERIOD: f64 = 2.0;
 
 /// Longest time between the starts of two batches because of `solver_share` \[s\]; the filter bridges it.
 const LONGEST_PAUSE: f64 = 10.0;
@@ -324,15 +318,11 @@ impl Observer {
         let (Some(camera), Some((_, newest))) = (self.camera, self.tracks.span()) else {
             return;
         };
-        let period = match &self.tracker {
-            Some(_) => {
-                let limited_share = self.solve_duration / self.params.solver_share;
-                self.params
-                    .solve_period
-                    .max(limited_share.min(LONGEST_PAUSE))
-            }
-            None => self.params.solve_period.min(RETRY_PERIOD),
-        };
+        let mut period = self.params.batch_period(self.tracker.is_some());
+        if self.tracker.is_some() {
+            let limited_share = self.solve_duration / self.params.solver_share;
+            period = period.max(limited_share.min(LONGEST_PAUSE));
+        }
         let stopped = self
             .newest
             .is_some_and(|(_, arrived)| now.since(arrived).as_secs_f64() > RETRY_PERIOD);
@@ -347,17 +337,7 @@ impl Observer {
             method: self.params.method,
             tracks: self.tracks.clone(),
             camera,
-            options: bundle::Options {
-                pixel_noise: self.params.pixel_noise,
-                widths: Widths {
-                    gyro_noise: (self.attitude.gyro_noise())
-                        .unwrap_or(self.params.widths.gyro_noise),
-                    ..self.params.widths
-                },
-                camera_motion: self.attitude.gyro.motion(),
-                with_points: self.params.known_length.is_some(),
-                ..bundle::Options::default()
-            },
+            options: self.params.batch_options(&self.attitude),
         });
     }
 

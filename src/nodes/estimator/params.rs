@@ -1,14 +1,19 @@
 //! Parameters of the estimator node.
 
+use super::CameraAttitude;
 use crate::{
     estimation::{
         EstimationMethod,
-        bundle::{KnownLength, Widths},
+        bundle::{self, KnownLength, Widths},
     },
     nodes::choice,
     ros::Declare,
     vision::Pinhole,
 };
+
+/// Longest time between the starts of two batches while there is no motion yet, and the time without frames after which
+/// the last ones are solved \[s\].
+pub(super) const RETRY_PERIOD: f64 = 2.0;
 
 /// Parameters of the estimator node, read at the start.
 #[derive(Debug, Clone)]
@@ -241,5 +246,27 @@ impl EstimatorParams {
     /// The disturbance for the filter; `None` without a filter.
     pub fn filter_disturbance(&self) -> Option<f64> {
         self.filter.then_some(self.disturbance)
+    }
+
+    /// Time between two batches \[s\], before the share of the processor counts; shorter while there is no motion yet.
+    pub fn batch_period(&self, has_motion: bool) -> f64 {
+        match has_motion {
+            true => self.solve_period,
+            false => self.solve_period.min(RETRY_PERIOD),
+        }
+    }
+
+    /// Options of a batch with the camera's motion by the gyro.
+    pub fn batch_options(&self, attitude: &CameraAttitude) -> bundle::Options {
+        bundle::Options {
+            pixel_noise: self.pixel_noise,
+            widths: Widths {
+                gyro_noise: attitude.gyro_noise().unwrap_or(self.widths.gyro_noise),
+                ..self.widths
+            },
+            camera_motion: attitude.gyro.motion(),
+            with_points: self.known_length.is_some(),
+            ..bundle::Options::default()
+        }
     }
 }

@@ -6,7 +6,7 @@
 //! reach, since they need no propellant; thrusters give the rest. The whole is made smaller until the wrench that
 //! it causes at the grasp is within its limits: that wrench is linear in the couple.
 
-use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 use crate::spatial::{RigidInertia, Wrench};
 
@@ -204,22 +204,12 @@ impl Detumbler {
     }
 }
 
-/// Momentum \[N m s\] that wheels have when they have stopped a stack with angular momentum `total` (inertial axes) at
-/// attitude `R_WB`, and whether that is within their capacity.
-pub fn wheels_suffice(
-    total: &Vector3<f64>,
-    R_WB: &UnitQuaternion<f64>,
-    limits: &WheelLimits,
-) -> (Vector3<f64>, bool) {
-    let after = crate::control::detumbling::wheel_momentum(total, R_WB, &Vector3::zeros());
-    (after, after.amax() <= limits.momentum)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::control::detumbling::BrakingCouple;
     use crate::spatial::exp_so3;
+    use nalgebra::UnitQuaternion;
 
     fn stack() -> Stack {
         Stack {

@@ -99,8 +99,8 @@ mod tests {
     use nalgebra::{Matrix3, Vector3};
 
     use super::*;
-    use crate::control::capture::fixtures::servicer;
     use crate::control::capture::payload::with_payload;
+    use crate::control::fixtures::servicer;
     use crate::dynamics::Momentum;
 
     const T: f64 = 20.0;

@@ -3,7 +3,6 @@
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use crate::estimation::free_body::FreeRotation;
-use crate::model::{Frame, Model};
 
 /// A body that tumbles at some 3 deg/s, in closed form.
 pub(in crate::control::capture) fn tumbling() -> FreeRotation {
@@ -17,12 +16,4 @@ pub(in crate::control::capture) fn tumbling() -> FreeRotation {
 #[track_caller]
 pub(in crate::control::capture) fn within(a: &Vector3<f64>, b: &Vector3<f64>, tolerance: f64) {
     assert!((a - b).norm() <= tolerance, "{a} is not {b}");
-}
-
-/// The servicer and its tip.
-pub(in crate::control::capture) fn servicer() -> (Model, Frame) {
-    let xml = include_str!("../../../../../urdf/servicer.urdf");
-    let model = Model::from_urdf(xml, "servicer").unwrap();
-    let tip = model.frame("tool0").unwrap().clone();
-    (model, tip)
 }

@@ -37,7 +37,7 @@ mod tip_impedance;
 mod tip_mobility;
 
 pub use clearance::{Clearance, ClearanceConfig, Distances};
-pub use detumble::{DetumbleLimits, Detumbler, SharedCouple, Stack, WheelLimits, wheels_suffice};
+pub use detumble::{DetumbleLimits, Detumbler, SharedCouple, Stack, WheelLimits};
 pub use excitation::Excitation;
 pub use frame_motion::FrameMotion;
 pub use grip_watch::GripWatch;

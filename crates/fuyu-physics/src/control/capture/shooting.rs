@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector, Translation3, UnitQuaternion, Vector3, Vector6}
 
 use super::plan::{PlanError, point, quintic};
 use super::rendezvous::{Rendezvous, RendezvousPlanner};
+use super::tip_impedance::stacked;
 use crate::control::commander::JointPoint;
 use crate::control::damped_descent::shortened;
 use crate::dynamics::{Momentum, State};
@@ -80,10 +81,6 @@ impl RendezvousPlanner {
         R_IB: UnitQuaternion<f64>,
         end: &mut End,
     ) -> Option<()> {
-        let stacked = |twist: &Twist| {
-            let (l, a) = (twist.linear, twist.angular);
-            Vector6::new(l.x, l.y, l.z, a.x, a.y, a.z)
-        };
         let in_I = |twist_B: Twist| Twist::new(R_IB * twist_B.angular, R_IB * twist_B.linear);
         end.qd.fill(0.0);
         let at_rest = self.state(task, R_IB, end);
