@@ -56,6 +56,8 @@ pub struct Fingers {
     pub closed: f64,
     /// Largest effort with which it closes \[N or N m\]; 0 is the gripper's own.
     pub effort: f64,
+    /// How long its fingers must have stood still until it presses with that effort, and holds \[s\].
+    pub press_time: f64,
 }
 
 impl Fingers {
@@ -97,6 +99,12 @@ impl Fingers {
                 (0.0, 1e6),
                 "Largest effort with which the gripper closes [N or N m]; 0 is its own",
             ),
+            press_time: number(
+                "gripper_press_time",
+                4.0,
+                (0.01, 60.0),
+                "How long the fingers must have stood still until the gripper presses with its whole effort, and holds [s]",
+            ),
             name,
         };
         (!fingers.name.is_empty()).then_some(fingers)
@@ -104,7 +112,7 @@ impl Fingers {
 
     /// A watch of its joint.
     pub fn watch(&self) -> GripWatch {
-        GripWatch::new(self.open, self.closed)
+        GripWatch::new(self.open, self.closed, self.press_time)
     }
 }
 
@@ -161,6 +169,15 @@ impl MissionParams {
             "Whether the grasp is closed and opened by the dynamics node's attach and detach; otherwise it latches by itself",
         );
         let fingers = Fingers::declare(declare);
+        let grip_stiffness = declare
+            .param(
+                "grip_stiffness",
+                0.0,
+                "Lowest rotational stiffness of the grip with which the target is held; 0 does not yield [N m/rad]",
+            )
+            .range(0.0, 1e12)
+            .read_only()
+            .value();
         let grasps = declare_each(
             declare,
             "grasp_frames",
@@ -262,6 +279,7 @@ impl MissionParams {
             ),
             grasps: d.grasps.clone(),
             reports_grip: false,
+            grip_stiffness: f64::INFINITY,
             approach_axis: d.approach_axis,
             final_time: number(
                 "final_time",
@@ -447,6 +465,10 @@ impl MissionParams {
         let grasps: Vec<_> = grasps?.into_iter().collect::<Result<_, String>>()?;
         let mut config = CaptureConfig {
             approach_axis: Vector3::from(axis?),
+            grip_stiffness: match grip_stiffness {
+                0.0 => f64::INFINITY,
+                stiffness => stiffness,
+            },
             ..config
         };
         if !grasps.is_empty() {

@@ -6,8 +6,6 @@ const CLOSED: f64 = 0.03;
 const BEGUN: f64 = 0.03;
 /// Rate below which the fingers stand still, in strokes per second.
 const SLOW: f64 = 0.01;
-/// How long they must have stood still \[s\].
-const STALLED: f64 = 0.5;
 
 /// Watches a gripper that closes: fingers that stop before they are closed hold something; fingers that are closed hold
 /// nothing.
@@ -15,16 +13,19 @@ const STALLED: f64 = 0.5;
 pub struct GripWatch {
     open: f64,
     closed: f64,
+    press_time: f64,
     still_since: Option<f64>,
     holds: Option<bool>,
 }
 
 impl GripWatch {
-    /// For a joint that moves from `open` to `closed` \[m or rad\].
-    pub fn new(open: f64, closed: f64) -> Self {
+    /// For a joint that moves from `open` to `closed` \[m or rad\], of a gripper that presses with its whole effort `press_time` \[s\]
+    /// after its fingers have been stopped: only then it holds.
+    pub fn new(open: f64, closed: f64, press_time: f64) -> Self {
         Self {
             open,
             closed,
+            press_time,
             still_since: None,
             holds: None,
         }
@@ -48,7 +49,7 @@ impl GripWatch {
             self.holds = Some(false);
         } else if is_still {
             let since = *self.still_since.get_or_insert(time);
-            if time - since >= STALLED {
+            if time - since >= self.press_time {
                 self.holds = Some(true);
             }
         }
@@ -62,7 +63,7 @@ mod tests {
 
     #[test]
     fn fingers_that_stop_early_hold_and_closed_ones_do_not() {
-        let mut watch = GripWatch::new(0.0, 0.06);
+        let mut watch = GripWatch::new(0.0, 0.06, 0.5);
         // They have not moved yet.
         for k in 0..100 {
             assert_eq!(watch.see(0.01 * f64::from(k), 0.0, 0.0), None);
