@@ -80,9 +80,19 @@ fn two_fingers_hold_the_target_by_friction() {
     let run = fuyu(&["simulate", "config/capture_gripper.yaml", "--json"]).json();
     let mission = &run["mission"];
     assert_eq!(mission["captured"], true, "{mission}");
-    let of = |name: &str| mission[name].as_f64().unwrap_or_else(|| panic!("{mission}"));
-    assert!(of("mass_error") < 0.01 && of("final_rate") < 0.05_f64.to_radians(), "{mission}");
-    assert!(of("grasp_force") < 50.0 && of("grasp_torque") < 50.0, "{mission}");
+    let of = |name: &str| {
+        mission[name]
+            .as_f64()
+            .unwrap_or_else(|| panic!("{mission}"))
+    };
+    assert!(
+        of("mass_error") < 0.01 && of("final_rate") < 0.05_f64.to_radians(),
+        "{mission}"
+    );
+    assert!(
+        of("grasp_force") < 50.0 && of("grasp_torque") < 50.0,
+        "{mission}"
+    );
 }
 
 // Fails if a mission goes on with a target that slips through its fingers: they press with a hundredth of the force that is needed.
@@ -98,7 +108,8 @@ fn a_target_that_slips_through_the_fingers_is_let_go() {
     assert_eq!(mission["phase"], "aborted", "{mission}");
     let reason = mission["reason"].as_str().unwrap();
     assert!(
-        reason.contains("the target has slipped by") || reason.contains("the gripper has lost the target"),
+        reason.contains("the target has slipped by")
+            || reason.contains("the gripper has lost the target"),
         "{reason}"
     );
 }

@@ -122,7 +122,10 @@ fn two_fingers_capture_over_dds() {
         assert!((mass / 300.0 - 1.0).abs() < 0.01, "{mass}");
         let joints = read::<JointState>(&launch.bag(), "/joint_states");
         let joints = joints.last().expect("states of the joints");
-        let finger = joints.name.iter().position(|name| name == "left_finger_joint");
+        let finger = joints
+            .name
+            .iter()
+            .position(|name| name == "left_finger_joint");
         // The gap of 60 mm less the radius of the post.
         let position = joints.position[finger.expect("a finger")];
         assert!((position - 0.02).abs() < 1e-3, "{position}");

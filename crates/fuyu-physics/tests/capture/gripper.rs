@@ -4,8 +4,8 @@ use std::time::Instant;
 
 use fuyu_physics::control::capture::with_payload;
 use fuyu_physics::control::commander::{JointDuty, JointPoint, JointServo};
-use fuyu_physics::dynamics::{Floating, State};
 use fuyu_physics::dynamics::contact::{Bristle, ContactLaw, ContactWorld, Shape};
+use fuyu_physics::dynamics::{Floating, State};
 use fuyu_physics::model::Model;
 use fuyu_physics::spatial::{Pose, RigidInertia, Wrench};
 use nalgebra::{DVector, Matrix3, Vector3};
@@ -273,7 +273,8 @@ fn turned(frequency: Option<f64>) -> (f64, f64) {
     for k in 0..3000 {
         let own = world.systems()[0].state();
         // Nothing outside acts, and everything was at rest: the momentum of robot and target is zero.
-        let mut state = State::at_rest_with(&whole, &DVector::from_column_slice(&own.q.as_slice()[..n]));
+        let mut state =
+            State::at_rest_with(&whole, &DVector::from_column_slice(&own.q.as_slice()[..n]));
         state.time = own.time;
         state.qd = DVector::from_column_slice(&own.qd.as_slice()[..n]);
         state.R_WB = own.R_WB;

@@ -179,7 +179,10 @@ fn a_gripper_that_holds_nothing_or_loses_the_target_ends_in_safety() {
         Phase::Grasp => (since > 4.0).then_some(true),
         _ => Some(since < 15.0),
     });
-    assert_eq!(mission.abort_reason(), Some("the gripper has lost the target"));
+    assert_eq!(
+        mission.abort_reason(),
+        Some("the gripper has lost the target")
+    );
     assert!(world.held.is_none());
     assert!(world.robot.state().qd.amax() < 5e-3);
 }

@@ -55,7 +55,7 @@ pub struct JointServo {
     matrix: DMatrix<f64>,
 }
 
-/// Rates of the position errors `e`, filtered: `ė_f = (e - e_f) / τ`, with `τ ė_f` the input of the integrator of `e_f`.
+/// Rates of the position errors `e` after a low-pass filter of first order: `τ ė_f = e - e_f`.
 #[derive(Debug, Clone)]
 struct RateFilter {
     /// `τ` \[s\].
@@ -84,7 +84,7 @@ impl RateFilter {
         self.time = Some(time);
         for (j, error) in errors.enumerate() {
             match period {
-                // The error changes linearly from sample to sample, as far as the filter knows.
+                // Exact for an error that is held over the period.
                 Some(period) => {
                     let share = -(-period / self.time_constant).exp_m1();
                     self.errors[j] += share * (error - self.errors[j]);
