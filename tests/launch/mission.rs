@@ -128,7 +128,7 @@ fn two_fingers_capture_over_dds() {
             .position(|name| name == "left_finger_joint");
         // The gap of 60 mm less the radius of the post.
         let position = joints.position[finger.expect("a finger")];
-        assert!((position - 0.02).abs() < 1e-3, "{position}");
+        assert!((position - 0.035).abs() < 1e-3, "{position}");
         assert_eq!(Check::of(&launch.bag()).failed(), Vec::<String>::new());
     });
 }
