@@ -1,16 +1,20 @@
 //! A capture mission with its camera and estimator, in one thread, without DDS.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{DVector, UnitQuaternion, Vector3};
 
 use super::{EstimationLoop, GraspLoad};
 use crate::{
-    control::capture::{CaptureMission, Gripper, Sample},
-    model::Frame,
+    control::{
+        GripperGoal,
+        capture::{CaptureMission, GripWatch, Gripper, Sample},
+    },
+    dynamics::State,
+    model::{Frame, Model},
     nodes::{
         camera::{TargetCamera, camera_frame, pinhole},
         dynamics::{FreeBody as _, World, imu},
         geometry::{message_round_trip, vector_from_msg, with_matrix},
-        mission::forecast,
+        mission::{Fingers, Grip, forecast},
         scenario::Scenario,
         tip_frame,
     },
@@ -22,7 +26,9 @@ use crate::{
 /// A mission with its camera and estimator.
 pub struct Capturing {
     mission: CaptureMission,
-    uses_services: bool,
+    grip: SimulatedGrip,
+    /// Index of each of the arm's joints among the robot's.
+    joints: Vec<usize>,
     camera: PoseCamera,
     target_camera: TargetCamera,
     estimator: EstimationLoop,
@@ -40,6 +46,59 @@ pub struct Capturing {
     /// How long a couple on the base acts if no other one follows \[s\].
     couple_timeout: f64,
     load: GraspLoad,
+}
+
+/// What closes and opens the grasp.
+enum SimulatedGrip {
+    Automatic,
+    Services,
+    Fingers {
+        /// The gripper among those of the dynamics node.
+        index: usize,
+        /// Index of its joint among the robot's.
+        joint: usize,
+        fingers: Fingers,
+        watch: GripWatch,
+    },
+}
+
+impl SimulatedGrip {
+    fn new(grip: &Grip, scenario: &Scenario, robot: &Model) -> Result<Self, String> {
+        let fingers = match grip {
+            Grip::Automatic => return Ok(Self::Automatic),
+            Grip::Services => return Ok(Self::Services),
+            Grip::Fingers(fingers) => fingers.clone(),
+        };
+        let grippers = scenario.dynamics()?.grippers;
+        let index = grippers
+            .iter()
+            .position(|gripper| gripper.name == fingers.name);
+        let index = index.ok_or_else(|| {
+            let names: Vec<_> = grippers.iter().map(|g| g.name.as_str()).collect();
+            format!(
+                "mission: parameter gripper is '{}'; the dynamics node's grippers are {names:?}",
+                fingers.name
+            )
+        })?;
+        // The mission has found the joint.
+        let joint = robot.joint_index(&fingers.joint).unwrap_or_default();
+        Ok(Self::Fingers {
+            index,
+            joint,
+            watch: fingers.watch(),
+            fingers,
+        })
+    }
+
+    /// Whether fingers hold something, if that is known.
+    fn see(&mut self, time: f64, state: &State) -> Option<bool> {
+        match self {
+            Self::Fingers { joint, watch, .. } => {
+                watch.see(time, state.q[*joint], state.qd[*joint])
+            }
+            Self::Automatic | Self::Services => None,
+        }
+    }
 }
 
 /// The mission's answer to a state.
@@ -67,6 +126,9 @@ impl Capturing {
         let model = world.robot.model();
         let tip = tip_frame(model, &params.tip_link)
             .map_err(|e| at(format!("mission: parameter {e}")))?;
+        let mission = params
+            .mission(model)
+            .map_err(|e| at(format!("mission: {e}")))?;
         let missing = |what: &str| {
             at(format!(
                 "camera: parameter {what} is not given; a mission needs it"
@@ -90,10 +152,11 @@ impl Capturing {
         let optical = camera_frame(model).map_err(at)?.clone();
         let R_BC = UnitQuaternion::from_rotation_matrix(&world.robot.X_BF(&optical).rotation);
         Ok(Self {
-            mission: params
-                .mission(model, &tip)
-                .map_err(|e| at(format!("mission: {e}")))?,
-            uses_services: params.uses_services,
+            grip: SimulatedGrip::new(&params.grip, scenario, model).map_err(at)?,
+            joints: (mission.model().joints().iter())
+                .filter_map(|joint| model.joint_index(&joint.name))
+                .collect(),
+            mission,
             target_camera: TargetCamera::new(features),
             estimator: EstimationLoop::new(
                 scenario.estimator()?,
@@ -140,7 +203,8 @@ impl Capturing {
         world: &mut World,
         frames: &mut Vec<PoseFrame>,
     ) -> Result<CaptureAnswer<'_>, String> {
-        self.load.see(world, self.target, &self.tip);
+        let is_closed = self.gripper == Gripper::Close;
+        self.load.see(world, self.target, &self.tip, is_closed);
         let stamp = Time::from_secs_f64(world.time());
         let time = stamp.as_secs_f64();
         let at = |e: String| format!("at {time:.2} s: mission: {e}");
@@ -175,18 +239,24 @@ impl Capturing {
             self.features.push(frame);
         }
         let state = world.robot.state();
-        let (q, qd) = (state.q.clone(), state.qd.clone());
+        let of = |values: &DVector<f64>| self.joints.iter().map(|j| values[*j]).collect();
+        let (q, qd): (Vec<f64>, Vec<f64>) = (of(&state.q), of(&state.qd));
+        if self.gripper == Gripper::Close
+            && let Some(holds) = self.grip.see(time, state)
+        {
+            self.mission.set_grip(Some(holds));
+        }
         let sample = Sample {
             time,
-            q: q.as_slice(),
-            qd: qd.as_slice(),
+            q: &q,
+            qd: &qd,
             w_B,
             wheels: Vector3::zeros(),
         };
         let command = self.mission.step(&sample).map_err(|e| at(e.to_string()))?;
         let (efforts, couple) = (command.efforts.to_vec(), command.couple);
         let gripper = command.gripper;
-        world.hold_efforts(efforts.iter().copied().enumerate());
+        world.hold_efforts(self.joints.iter().copied().zip(efforts.iter().copied()));
         let pushes = couple.norm() > 0.0;
         let couple = (pushes || self.pushes).then_some(couple);
         self.pushes = pushes;
@@ -208,16 +278,41 @@ impl Capturing {
 
     /// Closes or opens the grasp, if it does not latch by itself.
     fn follow_gripper(&mut self, world: &mut World) {
-        match self.gripper {
-            Gripper::Close if self.uses_services => {
+        let is_closing = self.gripper == Gripper::Close;
+        self.mission.set_grip(None);
+        match &mut self.grip {
+            SimulatedGrip::Fingers {
+                index,
+                fingers,
+                watch,
+                ..
+            } => {
+                watch.restart();
+                let max_effort = match fingers.effort {
+                    0.0 => f64::INFINITY,
+                    effort => effort,
+                };
+                let position = if is_closing {
+                    fingers.closed
+                } else {
+                    fingers.open
+                };
+                world.set_gripper_goal(
+                    *index,
+                    GripperGoal {
+                        max_effort,
+                        ..GripperGoal::at(position)
+                    },
+                );
+            }
+            SimulatedGrip::Services if is_closing => {
                 let holds = world.attach().is_ok();
                 self.mission.set_grip(Some(holds));
             }
-            Gripper::Close => {}
-            Gripper::Open => {
+            SimulatedGrip::Automatic if is_closing => {}
+            SimulatedGrip::Services | SimulatedGrip::Automatic => {
                 // Nothing is held if it fails.
                 let _ = world.detach();
-                self.mission.set_grip(None);
             }
         }
     }

@@ -24,10 +24,12 @@ struct Sample {
 }
 
 impl GraspLoad {
-    /// Sees a state of the target with index `target`, which the robot holds by `tip`, if it holds it.
-    pub fn see(&mut self, world: &World, target: usize, tip: &Frame) {
+    /// Sees a state of the target with index `target`, which the robot holds by `tip` if a grasp has latched or its gripper
+    /// `is_closed`.
+    pub fn see(&mut self, world: &World, target: usize, tip: &Frame, is_closed: bool) {
         let target = &world.targets[target];
-        if world.held_target() != Some(target.name.as_str()) {
+        let fingers_hold = is_closed && world.has_contact();
+        if !fingers_hold && world.held_target() != Some(target.name.as_str()) {
             self.before = None;
             return;
         }

@@ -329,10 +329,7 @@ impl Scenario {
                     )));
                 }
                 let robot = self.robot(name.namespace());
-                robot.map_or(Ok(()), |robot| {
-                    let tip = tip_frame(&robot, &params.tip_link).map_err(parameter)?;
-                    params.mission(&robot, &tip).map(drop).map_err(at)
-                })
+                robot.map_or(Ok(()), |robot| params.mission(&robot).map(drop).map_err(at))
             }
             "estimator" => self.parameters_of(name, EstimatorParams::declare).map(drop),
             "views" => {

@@ -1,4 +1,4 @@
-//! `config/capture.yaml` in `fuyu simulate`: a whole mission with the estimator in the loop.
+//! `config/capture.yaml` and `config/capture_gripper.yaml` in `fuyu simulate`: a whole mission with the estimator in the loop.
 
 use serde_json::Value;
 
@@ -71,6 +71,47 @@ fn the_mission_captures_stops_and_identifies_its_target() {
     ];
     let [first, second] = [(); 2].map(|()| fuyu(&short).json());
     assert_eq!(first["final"], second["final"]);
+}
+
+// Fails if the servo of the joints shakes the grip loose, if the load exceeds what it may be, or if the compliance of the grip falsifies
+// the identification.
+#[test]
+fn two_fingers_hold_the_target_by_friction() {
+    let run = fuyu(&["simulate", "config/capture_gripper.yaml", "--json"]).json();
+    let mission = &run["mission"];
+    assert_eq!(mission["captured"], true, "{mission}");
+    let of = |name: &str| {
+        mission[name]
+            .as_f64()
+            .unwrap_or_else(|| panic!("{mission}"))
+    };
+    assert!(
+        of("mass_error") < 0.01 && of("final_rate") < 0.05_f64.to_radians(),
+        "{mission}"
+    );
+    assert!(
+        of("grasp_force") < 50.0 && of("grasp_torque") < 50.0,
+        "{mission}"
+    );
+}
+
+// Fails if a mission goes on with a target that slips through its fingers: they press with a hundredth of the force that is needed.
+#[test]
+fn a_target_that_slips_through_the_fingers_is_let_go() {
+    let text = include_str!("../../config/capture_gripper.yaml");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("slippery.yaml");
+    std::fs::write(&path, text.replacen("friction: 0.8", "friction: 0.005", 1)).unwrap();
+    let run = fuyu(&["simulate", path.to_str().unwrap(), "--json"]).json();
+    let mission = &run["mission"];
+    assert_eq!(mission["captured"], false, "{mission}");
+    assert_eq!(mission["phase"], "aborted", "{mission}");
+    let reason = mission["reason"].as_str().unwrap();
+    assert!(
+        reason.contains("the target has slipped by")
+            || reason.contains("the gripper has lost the target"),
+        "{reason}"
+    );
 }
 
 #[test]

@@ -4,9 +4,10 @@ use fuyu::msg::{fuyu_msgs::MissionState, sensor_msgs::JointState};
 use serde_json::{Value, json};
 
 use crate::{
+    lateness::repeat_if_late,
     observer::{JOINT_STATE, fresh, numbers},
     peer::Peer,
-    process::{Running, read, source},
+    process::{Check, Running, read, source},
     waiting::{PATIENCE, eventually},
 };
 
@@ -104,4 +105,30 @@ fn an_operator_holds_resumes_and_aborts() {
             .iter()
             .all(|c| c.effort.iter().all(|x| x.is_finite()))
     );
+}
+
+// Fails if the mission's goals do not reach the gripper, if it goes on before the fingers press, if the servo shakes the grip loose, or if a
+// slip of the target goes unseen: the fingers are where the post is, and what is identified has the client's mass.
+#[test]
+fn two_fingers_capture_over_dds() {
+    repeat_if_late(|| {
+        let mut launch = Running::launch(163, &source("config/capture_gripper.yaml"), &[]);
+        launch.wait(6 * PATIENCE).well();
+        let states = read::<MissionState>(&launch.bag(), "/mission/state");
+        let last = states.last().expect("states of the mission");
+        assert_eq!(last.phase, "done", "{:?}", last.outcome);
+        let mass = last.figure_name.iter().position(|name| name == "mass");
+        let mass = last.figure_value[mass.expect("an identified mass")];
+        assert!((mass / 300.0 - 1.0).abs() < 0.01, "{mass}");
+        let joints = read::<JointState>(&launch.bag(), "/joint_states");
+        let joints = joints.last().expect("states of the joints");
+        let finger = joints
+            .name
+            .iter()
+            .position(|name| name == "left_finger_joint");
+        // The gap of 60 mm less the radius of the post.
+        let position = joints.position[finger.expect("a finger")];
+        assert!((position - 0.035).abs() < 1e-3, "{position}");
+        assert_eq!(Check::of(&launch.bag()).failed(), Vec::<String>::new());
+    });
 }

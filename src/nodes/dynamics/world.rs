@@ -387,7 +387,7 @@ impl World {
     }
 
     /// A gripper, in the order of the parameter `grippers`, moves to a goal from now on.
-    pub(super) fn set_gripper_goal(&mut self, gripper: usize, goal: GripperGoal) {
+    pub fn set_gripper_goal(&mut self, gripper: usize, goal: GripperGoal) {
         self.backup.command();
         self.drive.set_gripper_goal(&self.robot, gripper, goal);
     }

@@ -15,7 +15,7 @@ mod operator_services;
 mod params;
 
 pub use messages::{StateTimer, couple, efforts, forecast, state};
-pub use params::MissionParams;
+pub use params::{Fingers, Grip, MissionParams};
 
 use std::time::Duration;
 
@@ -47,7 +47,7 @@ use crate::{
         publish_together,
     },
 };
-use gripper::GripperServices;
+use gripper::GripperDriver;
 use operator_services::Operator;
 
 /// Longest wait before goals and calls are looked at.
@@ -71,9 +71,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         return Ok(());
     };
     // Refuses settings that do not fit the robot at once.
-    work.params
-        .mission(&robot.model, &robot.tip)
-        .map_err(input)?;
+    work.params.mission(&robot.model).map_err(input)?;
     work.robot = Some(robot);
     while node.wait_for(PATIENCE) {
         if let Some(robot) = description.changed() {
@@ -99,7 +97,7 @@ struct Work {
     mission_state: Publisher<MissionState>,
     action: ActionServer<Capture>,
     operator: Operator,
-    gripper: Option<GripperServices>,
+    gripper: GripperDriver,
     status: Status,
     states: StampPairs<Time, JointState, Imu>,
     robot: Option<Robot>,
@@ -126,10 +124,7 @@ impl Work {
             mission_state: topics::MISSION_STATE.advertise(node)?,
             action: ActionServer::with_requests(node, "capture")?,
             operator: Operator::new(node)?,
-            gripper: match params.uses_services {
-                true => Some(GripperServices::new(node)?),
-                false => None,
-            },
+            gripper: GripperDriver::new(node, &params.grip)?,
             status,
             states: StampPairs::default(),
             robot: None,
@@ -188,7 +183,7 @@ impl Work {
             && is_wanted
             && let Some(robot) = &self.robot
         {
-            match self.params.mission(&robot.model, &robot.tip) {
+            match self.params.mission(&robot.model) {
                 Ok(mission) => {
                     self.mission = Some(mission);
                     self.has_begun = true;
@@ -230,10 +225,11 @@ impl Work {
 
     /// Answers a state.
     fn answer(&mut self, stamp: Time, joints: &JointState, imu: &Imu) -> Result<(), String> {
-        let (Some(robot), Some(mission)) = (&self.robot, &mut self.mission) else {
+        let Some(mission) = &mut self.mission else {
             return Ok(());
         };
-        let model = &robot.model;
+        let model = mission.model().clone();
+        let model = &model;
         let at = |e: String| format!("joint_states: {e}");
         let q = joint_vectors::positions(model, joints).map_err(at)?;
         let qd = joint_vectors::velocities(model, joints).map_err(at)?;
@@ -262,9 +258,7 @@ impl Work {
             }
             self.commands.publish(&efforts);
         });
-        if let Some(gripper) = &mut self.gripper {
-            mission.set_grip(gripper.follow(wanted));
-        }
+        mission.set_grip(self.gripper.follow(wanted, sample.time, joints));
         if self.timer.is_due(mission, sample.time) {
             (self.mission_state).publish(&messages::state(mission, header.clone()));
             if let Some(goal) = &self.goal {

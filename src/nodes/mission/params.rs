@@ -4,16 +4,16 @@ use nalgebra::Vector3;
 
 use crate::{
     control::capture::{
-        CaptureConfig, CaptureMission, ClearanceConfig, DetumbleLimits, JointLimitsShare,
-        Objective, TipLaw, TrackConfig,
+        CaptureConfig, CaptureMission, ClearanceConfig, DetumbleLimits, GripWatch,
+        JointLimitsShare, Objective, TipLaw, TrackConfig,
     },
-    model::{Frame, Model},
+    model::Model,
     nodes::{
         camera::camera_frame,
         choice,
         named_lists::declare_each,
         placement::{declare_orientation, declare_vector},
-        tip::declare_tip_link,
+        tip::{declare_tip_link, tip_frame},
     },
     ros::Declare,
     spatial::Pose,
@@ -26,11 +26,94 @@ pub struct MissionParams {
     pub tip_link: String,
     /// Whether a mission begins by itself.
     pub autostart: bool,
-    /// Whether the grasp is closed and opened by the services `attach` and `detach` of the dynamics node; otherwise it
-    /// latches by itself, and the arm pulls to find out whether it holds.
-    pub uses_services: bool,
+    /// What closes and opens the grasp.
+    pub grip: Grip,
     /// Settings of a mission.
     pub config: CaptureConfig,
+}
+
+/// What closes and opens a grasp.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Grip {
+    /// It latches by itself, and the arm pulls to find out whether it holds.
+    Automatic,
+    /// The services `attach` and `detach` of the dynamics node.
+    Services,
+    /// A gripper with fingers.
+    Fingers(Fingers),
+}
+
+/// A gripper with fingers, by its action and its joint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fingers {
+    /// Name of the gripper: its action is `NAME/gripper_cmd`.
+    pub name: String,
+    /// The joint that moves the fingers.
+    pub joint: String,
+    /// Its position when it is open, and closed \[m or rad\].
+    pub open: f64,
+    /// See [`Self::open`].
+    pub closed: f64,
+    /// Largest effort with which it closes \[N or N m\]; 0 is the gripper's own.
+    pub effort: f64,
+    /// How long its fingers must have stood still until it presses with that effort, and holds \[s\].
+    pub press_time: f64,
+}
+
+impl Fingers {
+    /// Declares the gripper; `None` if it has no name.
+    fn declare(declare: &mut Declare) -> Option<Self> {
+        let mut text = |name: &str, text: &str| {
+            let parameter = declare.param(name, String::new(), text);
+            parameter.read_only().value()
+        };
+        let name = text(
+            "gripper",
+            "Gripper with fingers that grasps, by its action NAME/gripper_cmd; empty is a latch",
+        );
+        let joint = text(
+            "gripper_joint",
+            "Joint that moves the fingers of the gripper",
+        );
+        let mut number = |name: &str, default: f64, range: (f64, f64), text: &str| {
+            let parameter = declare.param(name, default, text);
+            parameter.range(range.0, range.1).read_only().value()
+        };
+        let fingers = Self {
+            joint,
+            open: number(
+                "gripper_open",
+                0.0,
+                (-10.0, 10.0),
+                "Position of that joint when the gripper is open [m or rad]",
+            ),
+            closed: number(
+                "gripper_closed",
+                0.06,
+                (-10.0, 10.0),
+                "Position of that joint when it has closed on nothing [m or rad]",
+            ),
+            effort: number(
+                "gripper_effort",
+                0.0,
+                (0.0, 1e6),
+                "Largest effort with which the gripper closes [N or N m]; 0 is its own",
+            ),
+            press_time: number(
+                "gripper_press_time",
+                4.0,
+                (0.01, 60.0),
+                "How long the fingers must have stood still until the gripper presses with its whole effort, and holds [s]",
+            ),
+            name,
+        };
+        (!fingers.name.is_empty()).then_some(fingers)
+    }
+
+    /// A watch of its joint.
+    pub fn watch(&self) -> GripWatch {
+        GripWatch::new(self.open, self.closed, self.press_time)
+    }
 }
 
 /// Laws of the tip by name.
@@ -85,6 +168,16 @@ impl MissionParams {
             false,
             "Whether the grasp is closed and opened by the dynamics node's attach and detach; otherwise it latches by itself",
         );
+        let fingers = Fingers::declare(declare);
+        let grip_stiffness = declare
+            .param(
+                "grip_stiffness",
+                0.0,
+                "Lowest rotational stiffness of the grip with which the target is held; 0 does not yield [N m/rad]",
+            )
+            .range(0.0, 1e12)
+            .read_only()
+            .value();
         let grasps = declare_each(
             declare,
             "grasp_frames",
@@ -185,6 +278,8 @@ impl MissionParams {
                 "Distance from the grasp frame at which the approach ends [m]",
             ),
             grasps: d.grasps.clone(),
+            reports_grip: false,
+            grip_stiffness: f64::INFINITY,
             approach_axis: d.approach_axis,
             final_time: number(
                 "final_time",
@@ -370,26 +465,67 @@ impl MissionParams {
         let grasps: Vec<_> = grasps?.into_iter().collect::<Result<_, String>>()?;
         let mut config = CaptureConfig {
             approach_axis: Vector3::from(axis?),
+            grip_stiffness: match grip_stiffness {
+                0.0 => f64::INFINITY,
+                stiffness => stiffness,
+            },
             ..config
         };
         if !grasps.is_empty() {
             config.grasps = grasps;
         }
+        let grip = match (fingers, uses_services) {
+            (Some(fingers), _) => Grip::Fingers(fingers),
+            (None, true) => Grip::Services,
+            (None, false) => Grip::Automatic,
+        };
+        config.reports_grip = grip != Grip::Automatic;
         Ok(Self {
             tip_link,
             autostart,
-            uses_services,
+            grip,
             config,
         })
     }
 
-    /// A mission of a robot.
+    /// The arm: the robot without the joint of the gripper, which is held open.
+    ///
+    /// # Errors
+    /// A line that names the parameter and the joints that there are.
+    pub fn arm(&self, robot: &Model) -> Result<Model, String> {
+        let Grip::Fingers(fingers) = &self.grip else {
+            return Ok(robot.clone());
+        };
+        let Some(joint) = robot.joint_index(&fingers.joint) else {
+            let joints = robot.joints().iter().map(|joint| joint.name.as_str());
+            return Err(format!(
+                "parameter gripper_joint: the robot has no joint '{}' that moves on its own; it has {}",
+                fingers.joint,
+                joints.collect::<Vec<_>>().join(", ")
+            ));
+        };
+        if fingers.open == fingers.closed {
+            return Err(format!(
+                "parameter gripper_closed is {}, as gripper_open; the fingers must move",
+                fingers.closed
+            ));
+        }
+        let locked: Vec<bool> = (0..robot.dof()).map(|j| j == joint).collect();
+        let q: Vec<f64> = (locked.iter())
+            .map(|locked| if *locked { fingers.open } else { 0.0 })
+            .collect();
+        Ok(robot.with_locked_joints(&q, &locked))
+    }
+
+    /// A mission of a robot's arm.
     ///
     /// # Errors
     /// A line that names the parameter, or the link that the robot lacks.
-    pub fn mission(&self, model: &Model, tip: &Frame) -> Result<CaptureMission, String> {
-        let camera = camera_frame(model)?;
-        CaptureMission::new(model, tip, camera, self.config.clone())
+    pub fn mission(&self, robot: &Model) -> Result<CaptureMission, String> {
+        let arm = self.arm(robot)?;
+        let tip = tip_frame(&arm, &self.tip_link).map_err(|e| format!("parameter {e}"))?;
+        let camera = camera_frame(&arm)?;
+        CaptureMission::new(&arm, &tip, camera, self.config.clone())
             .map_err(|e| format!("parameter {e}"))
     }
 }

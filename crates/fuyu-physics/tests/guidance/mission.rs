@@ -9,12 +9,16 @@ use crate::world::{SENSORS, Target, World, client, servicer, sides};
 
 /// A target with grasp frames on its six sides, and a mission that may choose one.
 fn begin(target: &Target, seed: u64) -> (World, CaptureMission) {
+    begin_with(target, seed, CaptureConfig::default())
+}
+
+fn begin_with(target: &Target, seed: u64, config: CaptureConfig) -> (World, CaptureMission) {
     let mut world = World::new(target, SENSORS, seed);
     world.grasps = sides(target);
     let X_GT = target.X_TG.inverse();
     let config = CaptureConfig {
         grasps: world.grasps.iter().map(|X_TK| X_GT * X_TK).collect(),
-        ..CaptureConfig::default()
+        ..config
     };
     let (model, tip, camera) = servicer();
     let mission = CaptureMission::new(&model, &tip, &camera, config).unwrap();
@@ -140,6 +144,47 @@ fn a_latch_that_does_not_hold_is_found_by_pulling() {
     // The tip has retreated.
     let (X, _) = world.relative(mission.X_GK(), 0.0);
     assert!(X.translation.vector.norm() > 0.2, "{X}");
+}
+
+/// A mission whose gripper says what `says` does of the phase and of the time since it was told to close.
+fn with_report(says: fn(Phase, f64) -> Option<bool>) -> (World, CaptureMission) {
+    let config = CaptureConfig {
+        reports_grip: true,
+        ..CaptureConfig::default()
+    };
+    let (mut world, mut mission) = begin_with(&slow(150.0), 9, config);
+    let mut closed = None;
+    run(&mut world, &mut mission, 250.0, |world, mission| {
+        let time = world.time();
+        match world.held.is_some() {
+            true => _ = closed.get_or_insert(time),
+            false => closed = None,
+        }
+        mission.set_grip(closed.and_then(|closed| says(mission.phase(), time - closed)));
+    });
+    (world, mission)
+}
+
+// Fails if the mission went on with a target that its gripper does not hold: it opens the gripper, and retreats, or stops.
+#[test]
+fn a_gripper_that_holds_nothing_or_loses_the_target_ends_in_safety() {
+    let (world, mission) = with_report(|_, since| (since > 2.0).then_some(false));
+    assert_eq!(
+        mission.abort_reason(),
+        Some("not grasped in 2 attempts: the gripper holds nothing")
+    );
+    let (X, _) = world.relative(mission.X_GK(), 0.0);
+    assert!(X.translation.vector.norm() > 0.2, "{X}");
+    let (world, mission) = with_report(|phase, since| match phase {
+        Phase::Grasp => (since > 4.0).then_some(true),
+        _ => Some(since < 15.0),
+    });
+    assert_eq!(
+        mission.abort_reason(),
+        Some("the gripper has lost the target")
+    );
+    assert!(world.held.is_none());
+    assert!(world.robot.state().qd.amax() < 5e-3);
 }
 
 #[test]

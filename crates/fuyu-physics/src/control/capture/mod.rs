@@ -6,6 +6,7 @@
 //! | [`TargetTrack`] | the grasp frame's motion and its uncertainty, from measured poses and the estimator's forecast |
 //! | [`RendezvousPlanner`] | joint motions that meet a moving frame at zero relative twist |
 //! | [`Clearance`] | distances between arm, base and target |
+//! | [`GripWatch`] | whether a gripper holds something, from the joint of its fingers |
 //! | [`TipImpedance`] | drives the tip as a mass with spring and damper; effective mass of the tip |
 //! | [`Detumbler`] | shares the angular momentum between thrusters and wheels, within limits at the grasp |
 //! | [`Excitation`] | joint motions from which the target's inertia is identified |
@@ -21,6 +22,7 @@ mod feasibility;
 #[cfg(test)]
 pub(in crate::control::capture) mod fixtures;
 mod frame_motion;
+mod grip_watch;
 mod mission;
 mod own_motion;
 mod payload;
@@ -38,6 +40,7 @@ pub use clearance::{Clearance, ClearanceConfig, Distances};
 pub use detumble::{DetumbleLimits, Detumbler, SharedCouple, Stack, WheelLimits};
 pub use excitation::Excitation;
 pub use frame_motion::FrameMotion;
+pub use grip_watch::GripWatch;
 pub use mission::{
     CaptureConfig, CaptureMission, Command, Gripper, MissionError, Phase, PhaseFigure, PhaseReport,
     Sample,

@@ -1,12 +1,12 @@
 //! Settings of a capture mission.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use crate::control::capture::{
     ClearanceConfig, DetumbleLimits, JointLimitsShare, Objective, TipLaw, TrackConfig,
 };
 use crate::control::gains::ConfigError;
-use crate::spatial::Pose;
+use crate::spatial::{Pose, RigidInertia};
 
 /// Settings of a [`CaptureMission`](super::CaptureMission).
 #[derive(Debug, Clone, PartialEq)]
@@ -49,6 +49,11 @@ pub struct CaptureConfig {
     pub close_within: (f64, f64),
     /// Longest time from the end of the final approach to the closing of the gripper \[s\].
     pub close_timeout: f64,
+    /// Whether the gripper says if it holds the target ([`CaptureMission::set_grip`](super::CaptureMission::set_grip)); otherwise
+    /// the arm pulls to find out.
+    pub reports_grip: bool,
+    /// Lowest rotational stiffness of the grip \[N m/rad\]; infinite if it does not yield.
+    pub grip_stiffness: f64,
     /// How far the arm pulls to find out whether it holds the target \[m\].
     pub pull: f64,
     /// How often it tries to grasp.
@@ -104,6 +109,8 @@ impl Default for CaptureConfig {
             lost_timeout: 3.0,
             close_within: (0.01, 0.03),
             close_timeout: 10.0,
+            reports_grip: false,
+            grip_stiffness: f64::INFINITY,
             pull: 0.03,
             attempts: 2,
             slip: (0.03, 0.1),
@@ -152,6 +159,8 @@ impl CaptureConfig {
             ("close_angle", self.close_within.1),
             ("close_timeout", self.close_timeout),
             ("pull", self.pull),
+            // Infinite is allowed.
+            ("grip_stiffness", self.grip_stiffness.min(f64::MAX)),
             ("slip_distance", self.slip.0),
             ("slip_angle", self.slip.1),
             ("presumed_mass", self.presumed.0),
@@ -203,6 +212,17 @@ impl CaptureConfig {
             });
         }
         Ok(())
+    }
+
+    /// Lowest natural frequency \[rad/s\] of a body (in the tip's frame) on the grip, while the tip does not move: that of a rotation about
+    /// the tip, with the body's largest moment of inertia. `None` if the grip does not yield.
+    pub(super) fn grip_frequency(&self, body: &RigidInertia) -> Option<f64> {
+        let r = body.com;
+        let shift = Matrix3::identity() * r.norm_squared() - r * r.transpose();
+        let about_tip = body.about_com + shift * body.mass;
+        let largest = about_tip.symmetric_eigenvalues().max();
+        (self.grip_stiffness.is_finite() && largest > 0.0)
+            .then(|| (self.grip_stiffness / largest).sqrt())
     }
 
     /// Amplitude of each of `joints` joints in the excitation.

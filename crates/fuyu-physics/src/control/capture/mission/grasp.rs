@@ -10,6 +10,8 @@ use crate::spatial::Pose;
 const PAUSE: f64 = 0.5;
 /// Times of the pull after the gripper has closed \[s\]: it begins, it is as far as it goes, it ends.
 const PULL: [f64; 3] = [1.0, 3.0, 4.5];
+/// How long it waits for the gripper to say whether it holds \[s\].
+const GRIP_TIMEOUT: f64 = 20.0;
 /// How long it waits for measured poses of the pull \[s\].
 const PULL_TIMEOUT: f64 = 8.0;
 
@@ -117,6 +119,12 @@ impl Pull {
     }
 }
 
+/// A pose from its position and rotation vector.
+fn pose_of((p, turn): (Vector3<f64>, Vector3<f64>)) -> Pose {
+    let turn = UnitQuaternion::from_scaled_axis(turn);
+    Pose::from_parts(p.into(), turn.to_rotation_matrix())
+}
+
 impl CaptureMission {
     /// Drives the tip to a distance (with its derivatives) from the grasp frame. Returns how far it is off; `None` if
     /// the target's motion is not known.
@@ -195,15 +203,29 @@ impl CaptureMission {
     }
 
     pub(super) fn pull(&mut self, time: f64, pull: Pull) -> Stage {
-        if self.drive_tip(time, pull.at(time)).is_none() {
+        let way = match self.config.reports_grip {
+            true => (0.0, 0.0, 0.0),
+            false => pull.at(time),
+        };
+        if self.drive_tip(time, way).is_none() {
             self.track_reference();
         }
         let since = time - pull.begin;
         let closing = Closing::begin(&self.config, time, pull.way);
         match self.grip {
-            Some(true) => return self.grasped(time, &pull, None),
+            Some(true) => {
+                let X_EG = self.mean_relative(time - 1.0, time).map(pose_of);
+                return self.grasped(time, &pull, X_EG);
+            }
             Some(false) if since > PULL[0] => {
                 return self.missed(closing, "the gripper holds nothing".to_owned());
+            }
+            None if self.config.reports_grip => {
+                if since < GRIP_TIMEOUT {
+                    return Stage::Pull(pull);
+                }
+                let reason = "the gripper does not say whether it holds".to_owned();
+                return self.missed(closing, reason);
             }
             _ => {}
         }
@@ -221,9 +243,7 @@ impl CaptureMission {
         self.report()
             .set("motion in the grasp while pulled", moved, "m");
         if moved < 0.5 * pull.way {
-            let turn = UnitQuaternion::from_scaled_axis(after.1);
-            let X_EG = Pose::from_parts(after.0.into(), turn.to_rotation_matrix());
-            return self.grasped(time, &pull, Some(X_EG));
+            return self.grasped(time, &pull, Some(pose_of(after)));
         }
         let reason = format!("the target moved {moved:.3} m in the grasp when it was pulled");
         self.missed(closing, reason)

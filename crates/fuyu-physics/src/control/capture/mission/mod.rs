@@ -460,8 +460,17 @@ impl CaptureMission {
     fn take(&mut self, payload: RigidInertia, is_identified: bool) -> Result<(), InertiaError> {
         let model = with_payload(&self.model, &self.tip, &payload)?;
         let X_EG = self.held.as_ref().and_then(|held| held.X_EG);
+        // Until it is known, the target may be the heaviest.
+        let largest = match is_identified {
+            true => payload,
+            false => self.heaviest(&payload.com),
+        };
+        let servo = JointServo::new(&model, self.config.joint_bandwidth);
         self.held = Some(Held {
-            servo: JointServo::new(&model, self.config.joint_bandwidth),
+            servo: match self.config.grip_frequency(&largest) {
+                Some(frequency) => servo.with_compliance(frequency),
+                None => servo,
+            },
             workspace: Workspace::new(&model),
             payload,
             is_identified,

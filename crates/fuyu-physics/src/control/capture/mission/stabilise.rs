@@ -145,7 +145,8 @@ impl CaptureMission {
             };
             self.report().set("angular velocity after", rate, "rad/s");
             self.enter(time, Phase::Identify, outcome);
-            let heaviest = self.heaviest();
+            let com = (self.held.as_ref()).map_or_else(Vector3::zeros, |held| held.payload.com);
+            let heaviest = self.heaviest(&com);
             return self.excite(time, heaviest, Vec::new());
         }
         if since > self.config.detumble_timeout {
@@ -190,15 +191,10 @@ impl CaptureMission {
         self.stop(AfterStop::Abort(reason))
     }
 
-    /// The heaviest body that the target may be, with its centre of mass where the presumed one is.
-    fn heaviest(&self) -> RigidInertia {
+    /// The heaviest body that the target may be, with its centre of mass at `com` in the tip's frame.
+    pub(super) fn heaviest(&self, com: &Vector3<f64>) -> RigidInertia {
         let (mass, gyration) = self.config.heaviest;
-        let held = self.held.as_ref();
-        presumed(
-            mass,
-            held.map_or_else(Vector3::zeros, |held| held.payload.com),
-            gyration,
-        )
+        presumed(mass, *com, gyration)
     }
 
     /// Begins to move the joints for the identification, as far as the limits at the grasp allow with `body`.
