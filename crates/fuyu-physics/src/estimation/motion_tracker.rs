@@ -19,6 +19,9 @@ const FITS_FOR_CONFIRMATION: u32 = 20;
 /// Least number of known points in a frame that may contradict the motion.
 pub const MIN_KNOWN_POINTS: usize = 8;
 
+/// A batch predicts for this share of its length; longer predictions may fail without a change of the motion.
+const PREDICTABLE: f64 = 0.25;
+
 /// A filter is kept if its prediction is this many times more certain than that of a new batch solution.
 const CERTAINTY_RATIO: f64 = 3.0;
 
@@ -201,11 +204,11 @@ impl MotionTracker {
         (self.misfits.count >= MISFITS_FOR_LOSS).then_some(loss)
     }
 
-    /// Whether `time` \[s\], since which the frames contradict the motion, is later after the batch than half of its length. So
+    /// Whether `time` \[s\], since which the frames contradict the motion, is later after the batch than [`PREDICTABLE`]. So
     /// long a prediction fails without a change of the motion, when a slow computer has not solved the next batch yet.
     fn is_beyond_prediction(&self, time: f64) -> bool {
         let (first, last) = self.batch.span;
-        time - last > 0.5 * (last - first)
+        time - last > PREDICTABLE * (last - first)
     }
 
     /// The motion, in inertial axes.
@@ -386,18 +389,34 @@ mod tests {
     fn a_jump_of_the_body_is_detected_after_ten_frames() {
         let mut fresh = fresh_at_15();
         assert_eq!(detect_jump(&mut fresh), Some((9, TrackLoss::Unconfirmed)));
-        let mut confirmed = tracker_from(frames(0..120), &frames(120..150));
+        let mut confirmed = tracker_from(frames(0..130), &frames(130..150));
         assert_eq!(
             detect_jump(&mut confirmed),
             Some((9, TrackLoss::MotionChanged(15.0)))
         );
         // A confirmation persists to the next solution.
         let mut renewed =
-            tracker_from(frames(0..120), &frames(120..150)).replaced_by(fresh_at_15(), 14.9, 30.0);
+            tracker_from(frames(0..130), &frames(130..150)).replaced_by(fresh_at_15(), 14.9, 30.0);
         assert_eq!(
             detect_jump(&mut renewed),
             Some((9, TrackLoss::MotionChanged(15.0)))
         );
+    }
+
+    /// A quarter of its length after a batch a prediction may fail by itself, as in a replay faster than its batches.
+    /// Fails with a limit of half of the length.
+    #[test]
+    fn a_batch_is_evidence_of_a_change_for_a_quarter_of_its_length() {
+        let later = frames(100..150);
+        let after = |batch: u32| {
+            let first = frames(batch - 100..batch);
+            let mut tracker = tracker_from(first, &later[(batch as usize - 100)..]);
+            tracker.fits = FITS_FOR_CONFIRMATION;
+            detect_jump(&mut tracker).map(|(_, loss)| loss)
+        };
+        // 10 s end 1.1 s and 3.1 s before the jump.
+        assert_eq!(after(140), Some(TrackLoss::MotionChanged(15.0)));
+        assert_eq!(after(120), Some(TrackLoss::Unconfirmed));
     }
 
     // A batch of 2 s predicts for 2 s. Fails if a later misfit ended the window of frames.
@@ -457,7 +476,7 @@ mod tests {
     // Fewer than half of the points: the others still determine the motion, and the wrong ones do not disturb it.
     #[test]
     fn a_few_ids_given_to_other_points_are_rejected() {
-        let mut tracker = tracker_from(frames(0..120), &frames(120..150));
+        let mut tracker = tracker_from(frames(0..130), &frames(130..150));
         let frames = with_shifted_ids(frames(150..350), 6);
         assert_eq!(update_all(&mut tracker, &frames), None);
         let last = *tracker.last_update().unwrap();
@@ -471,7 +490,7 @@ mod tests {
     // and after the tenth the earlier tracks are given up; the later ones are a window of their own.
     #[test]
     fn when_every_id_is_given_to_another_point_the_motion_is_kept_and_then_lost() {
-        let before = tracker_from(frames(0..120), &frames(120..150));
+        let before = tracker_from(frames(0..130), &frames(130..150));
         let once = with_shifted_ids(frames(150..350), 20);
         let always = with_ids(frames(150..350), |k, id| (id + 1 + k % 19) % 20);
         for wrong in [&once, &always] {
@@ -511,7 +530,7 @@ mod tests {
     // the next batch has the new points; body axes persist.
     #[test]
     fn new_ids_leave_the_motion_unchanged_until_the_next_batch() {
-        let mut old = tracker_from(frames(0..120), &frames(120..150));
+        let mut old = tracker_from(frames(0..130), &frames(130..150));
         let new = with_ids(frames(150..250), |_, id| id + 100);
         assert_eq!(update_all(&mut old, &new), None);
         let last = *old.last_update().unwrap();

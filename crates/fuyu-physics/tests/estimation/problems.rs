@@ -233,3 +233,42 @@ impl Problem {
         Outcome { result, seconds }
     }
 }
+
+/// The prior width of the angular acceleration is that of the gradient of gravity, of which most averages out while a
+/// body tumbles. Fails for the largest value instead of the mean.
+#[test]
+fn the_default_torque_is_that_of_low_earth_orbit() {
+    let rate: f64 = 1.1e-3;
+    let mut squares = 0.0;
+    let count = 60;
+    for seed in 0..count {
+        let rng = &mut StdRng::seed_from_u64(seed);
+        let world = World {
+            I: moments(rng),
+            ..World::default()
+        };
+        let duration = [20.0, 30.0, 60.0][rng.random_range(0..3usize)];
+        let start = State {
+            R_WB: UnitQuaternion::from_scaled_axis(direction(rng) * rng.random_range(0.0..3.0)),
+            w_B: direction(rng) * rng.random_range(0.05..0.4f64).max(2.0 / duration),
+            r_W: Vector3::zeros(),
+            v_W: Vector3::zeros(),
+            R_WC: UnitQuaternion::identity(),
+        };
+        let up = direction(rng);
+        let steps = 200;
+        let times: Vec<f64> = (0..steps)
+            .map(|k| duration * f64::from(k) / f64::from(steps))
+            .collect();
+        let mut mean = Vector3::zeros();
+        for state in world.run(start, &times) {
+            let up_B = state.R_WB.inverse() * up;
+            let torque = up_B.cross(&world.I.component_mul(&up_B)) * (3.0 * rate * rate);
+            mean += state.R_WB * torque / (world.I.sum() / 3.0 * f64::from(steps));
+        }
+        squares += mean.norm_squared() / 3.0;
+    }
+    let usual = (squares / count as f64).sqrt();
+    let width = Options::default().widths.acceleration;
+    assert!((1.0..2.5).contains(&(width / usual)), "{usual:.1e} rad/s²");
+}
