@@ -102,8 +102,10 @@ fn a_target_that_slips_through_the_fingers_is_let_go() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("slippery.yaml");
     std::fs::write(&path, text.replacen("friction: 0.8", "friction: 0.005", 1)).unwrap();
-    let run = fuyu(&["simulate", path.to_str().unwrap(), "--json"]).json();
-    let mission = &run["mission"];
+    let run = fuyu(&["simulate", path.to_str().unwrap(), "--json"]);
+    assert_eq!(run.code, 1, "{}", run.stderr);
+    let result: serde_json::Value = serde_json::from_str(&run.stdout).expect("one JSON object");
+    let mission = &result["mission"];
     assert_eq!(mission["captured"], false, "{mission}");
     assert_eq!(mission["phase"], "aborted", "{mission}");
     let reason = mission["reason"].as_str().unwrap();

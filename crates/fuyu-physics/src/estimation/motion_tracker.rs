@@ -204,7 +204,7 @@ impl MotionTracker {
         (self.misfits.count >= MISFITS_FOR_LOSS).then_some(loss)
     }
 
-    /// Whether `time` \[s\], since which the frames contradict the motion, is later after the batch than [`PREDICTABLE`]. So
+    /// Whether `time` \[s\], since which the frames contradict the motion, is later after the batch than the share [`PREDICTABLE`] of its length. So
     /// long a prediction fails without a change of the motion, when a slow computer has not solved the next batch yet.
     fn is_beyond_prediction(&self, time: f64) -> bool {
         let (first, last) = self.batch.span;
