@@ -75,15 +75,12 @@ impl Widths {
 }
 
 impl Default for Widths {
-    /// A tracked body in low Earth orbit, before a calibrated camera. The gradient of gravity turns a body of moments
-    /// `A < B` by at most `1.5 n² (B - A) / I`, some 1e-6 rad/s² for a body that is as slender as most (Hughes 1986,
-    /// Spacecraft attitude dynamics, 8.1). While the body tumbles most of that averages out: the mean over 20 to 60 s
-    /// of a box is 2.1e-7 rad/s² (root mean square of an axis). Drag is of the same order; both together are the
-    /// default, and `prior_scales` finds larger ones. The relative acceleration of its centre is `3 n²` times the
-    /// distance.
+    /// A tracked body in low Earth orbit, before a calibrated camera. Gravity gradient turns a body of moments `A <
+    /// B` by at most `1.5 n² (B - A) / I`, some 1e-6 rad/s² for a body that is as slender as most, and half of it as a mean
+    /// over attitudes; drag and outgassing are of the same order. The relative acceleration of its centre is `3 n²` times the distance.
     fn default() -> Self {
         Self {
-            acceleration: 3e-7,
+            acceleration: 8e-7,
             correlation_time: 300.0,
             path: 4e-6,
             gyro_noise: 1e-4,
