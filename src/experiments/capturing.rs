@@ -80,8 +80,14 @@ impl SimulatedGrip {
                 fingers.name
             )
         })?;
-        // The mission has found the joint.
-        let joint = robot.joint_index(&fingers.joint).unwrap_or_default();
+        if grippers[index].joint != fingers.joint {
+            return Err(format!(
+                "mission: parameter gripper_joint is '{}'; the joint of gripper '{}' is '{}'",
+                fingers.joint, fingers.name, grippers[index].joint
+            ));
+        }
+        let joint = robot.joint_index(&fingers.joint);
+        let joint = joint.ok_or("mission: the robot lacks the joint of the gripper")?;
         Ok(Self::Fingers {
             index,
             joint,
@@ -292,11 +298,7 @@ impl Capturing {
                     0.0 => f64::INFINITY,
                     effort => effort,
                 };
-                let position = if is_closing {
-                    fingers.closed
-                } else {
-                    fingers.open
-                };
+                let position = fingers.position(self.gripper);
                 world.set_gripper_goal(
                     *index,
                     GripperGoal {

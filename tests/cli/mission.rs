@@ -95,13 +95,15 @@ fn two_fingers_hold_the_target_by_friction() {
     );
 }
 
-// Fails if a mission goes on with a target that slips through its fingers: they press with a hundredth of the force that is needed.
+// Fails if a mission goes on with a target that slips through its fingers: the friction is a hundredth of what holds it.
 #[test]
 fn a_target_that_slips_through_the_fingers_is_let_go() {
     let text = include_str!("../../config/capture_gripper.yaml");
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("slippery.yaml");
-    std::fs::write(&path, text.replacen("friction: 0.8", "friction: 0.005", 1)).unwrap();
+    let slippery = text.replacen("friction: 0.8", "friction: 0.005", 1);
+    assert_ne!(slippery, text);
+    std::fs::write(&path, slippery).unwrap();
     let run = fuyu(&["simulate", path.to_str().unwrap(), "--json"]);
     assert_eq!(run.code, 1, "{}", run.stderr);
     let result: serde_json::Value = serde_json::from_str(&run.stdout).expect("one JSON object");
@@ -114,6 +116,51 @@ fn a_target_that_slips_through_the_fingers_is_let_go() {
             || reason.contains("the gripper has lost the target"),
         "{reason}"
     );
+}
+
+#[test]
+fn a_gripper_that_cannot_work_is_refused() {
+    let text = include_str!("../../config/capture_gripper.yaml");
+    let folder = tempfile::tempdir().unwrap();
+    for (from, to, expected) in [
+        (
+            "    gripper_joint: left_finger_joint\n",
+            "    gripper_joint: thumb\n",
+            "parameter gripper_joint: the robot has no joint 'thumb' that moves on its own",
+        ),
+        (
+            "    gripper: hand\n",
+            "    gripper: foot\n",
+            "parameter gripper is 'foot'; the dynamics node's grippers are [\"hand\"]",
+        ),
+        (
+            "    gripper_closed: 0.06\n",
+            "    gripper_closed: 0.002\n",
+            "parameters gripper_open and gripper_closed are both 0.002; they must differ",
+        ),
+        (
+            "    gripper_closed: 0.06\n",
+            "    gripper_closed: 0.07\n",
+            "parameter gripper_closed is 0.07; joint left_finger_joint moves from 0 to 0.06",
+        ),
+        (
+            "    grip_stiffness: 5.0e4\n",
+            "",
+            "parameter grip_stiffness is not given",
+        ),
+        (
+            "    gripper: hand\n",
+            "    gripper: hand\n    gripper_services: true\n",
+            "parameter gripper is 'hand' and gripper_services is true",
+        ),
+    ] {
+        let path = folder.path().join("gripper.yaml");
+        let changed = text.replacen(from, to, 1);
+        assert_ne!(changed, text);
+        std::fs::write(&path, changed).unwrap();
+        let run = fuyu(&["simulate", path.to_str().unwrap()]);
+        assert!(run.refusal().contains(expected), "{}", run.stderr);
+    }
 }
 
 #[test]

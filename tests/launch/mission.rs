@@ -131,7 +131,7 @@ fn two_fingers_capture_over_dds() {
         assert!((position - 0.035).abs() < 1e-3, "{position}");
         // The estimator, which nobody needs once the target is held, may fall behind on a busy machine.
         let mut failed = Check::of(&launch.bag()).failed();
-        failed.retain(|check| !check.contains("gaps in time"));
+        failed.retain(|check| !(check.contains("gaps in time") && check.contains("/estimator/")));
         assert_eq!(failed, Vec::<String>::new());
     });
 }

@@ -1,7 +1,5 @@
 //! What closes and opens the grasp: the dynamics node's services, or the action of a gripper.
 
-use std::time::Duration;
-
 use super::params::{Fingers, Grip};
 use crate::{
     control::capture::{GripWatch, Gripper},
@@ -13,11 +11,11 @@ use crate::{
         sensor_msgs::JointState,
         std_srvs::{Trigger, TriggerRequest},
     },
-    ros::{ActionClient, Node, NodeError, PendingCall, ServiceClient},
+    ros::{ActionClient, Node, NodeError, PendingCall, PendingGoal, ServiceClient},
 };
 
-/// Longest wait for a gripper to accept a goal, wall time.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// Time after which a command that has not been carried out is sent again \[s\].
+const RETRY_PERIOD: f64 = 1.0;
 
 /// Follows the mission's commands to the gripper.
 pub(super) enum GripperDriver {
@@ -46,9 +44,21 @@ impl GripperDriver {
     pub fn follow(&mut self, wanted: Gripper, time: f64, joints: &JointState) -> Option<bool> {
         match self {
             Self::Automatic => None,
-            Self::Services(services) => services.follow(wanted),
+            Self::Services(services) => services.follow(wanted, time),
             Self::Fingers(fingers) => fingers.follow(wanted, time, joints),
         }
+    }
+}
+
+/// A command on its way, and when it was sent \[s\].
+struct Sent<T> {
+    pending: T,
+    time: f64,
+}
+
+impl<T> Sent<T> {
+    fn is_overdue(&self, time: f64) -> bool {
+        time - self.time > RETRY_PERIOD
     }
 }
 
@@ -57,7 +67,8 @@ pub(super) struct GripperServices {
     attach: ServiceClient<Trigger>,
     detach: ServiceClient<Trigger>,
     wanted: Gripper,
-    pending: Option<PendingCall<Trigger>>,
+    /// `None` if the command has been answered.
+    sent: Option<Sent<Option<PendingCall<Trigger>>>>,
     holds: Option<bool>,
 }
 
@@ -67,41 +78,57 @@ impl GripperServices {
             attach: node.client("dynamics/attach")?,
             detach: node.client("dynamics/detach")?,
             wanted: Gripper::Open,
-            pending: None,
+            sent: None,
             holds: None,
         })
     }
 
-    fn follow(&mut self, wanted: Gripper) -> Option<bool> {
+    fn follow(&mut self, wanted: Gripper, time: f64) -> Option<bool> {
         if wanted != self.wanted {
             self.wanted = wanted;
             self.holds = None;
-            let client = match wanted {
-                Gripper::Close => &self.attach,
-                Gripper::Open => &self.detach,
-            };
-            match client.send(&TriggerRequest::default()) {
-                Ok(pending) => self.pending = Some(pending),
-                Err(e) => tracing::warn!("{e}"),
-            }
+            self.send(time);
         }
-        if let Some(response) = self.pending.as_ref().and_then(PendingCall::take) {
-            self.pending = None;
-            if !response.success {
-                tracing::warn!("gripper: {}", response.message);
+        let Some(sent) = &self.sent else {
+            return self.holds;
+        };
+        match sent.pending.as_ref().and_then(PendingCall::take) {
+            Some(response) => {
+                self.sent = None;
+                if !response.success {
+                    tracing::warn!("gripper: {}", response.message);
+                }
+                self.holds = (wanted == Gripper::Close).then_some(response.success);
             }
-            self.holds = (self.wanted == Gripper::Close).then_some(response.success);
+            None if sent.is_overdue(time) => self.send(time),
+            None => {}
         }
         self.holds
     }
+
+    fn send(&mut self, time: f64) {
+        let client = match self.wanted {
+            Gripper::Close => &self.attach,
+            Gripper::Open => &self.detach,
+        };
+        let pending = client.send(&TriggerRequest::default());
+        let pending = pending.inspect_err(|e| tracing::warn!("gripper: {e}"));
+        self.sent = Some(Sent {
+            pending: pending.ok(),
+            time,
+        });
+    }
 }
 
-/// A gripper with fingers: goals of its action close and open it, its joint tells whether it holds.
+/// A gripper with fingers: goals of its action close and open it, and the motion of its joint shows whether it holds.
 pub(super) struct FingerGripper {
     action: ActionClient<GripperCommand>,
     fingers: Fingers,
     watch: GripWatch,
     wanted: Gripper,
+    /// `None` if the goal has been accepted. Its result is not awaited: the joint shows when the fingers stall, and when they
+    /// slip later.
+    sent: Option<Sent<Option<PendingGoal<GripperCommand>>>>,
 }
 
 impl FingerGripper {
@@ -111,6 +138,7 @@ impl FingerGripper {
             fingers: fingers.clone(),
             watch: fingers.watch(),
             wanted: Gripper::Open,
+            sent: None,
         })
     }
 
@@ -118,18 +146,17 @@ impl FingerGripper {
         if wanted != self.wanted {
             self.wanted = wanted;
             self.watch.restart();
-            let command = Command {
-                position: match wanted {
-                    Gripper::Close => self.fingers.closed,
-                    Gripper::Open => self.fingers.open,
-                },
-                max_effort: self.fingers.effort,
-            };
-            // Its result says when fingers stall; its joint says so, too, and when they slip later.
-            match self.action.send_goal(Goal { command }, PATIENCE) {
-                Ok(Some(_)) => {}
-                Ok(None) => tracing::warn!("gripper: {} rejects its goal", self.fingers.name),
-                Err(e) => tracing::warn!("gripper: {e}"),
+            self.send(time);
+        }
+        if let Some(sent) = &mut self.sent {
+            match sent.pending.as_ref().and_then(PendingGoal::is_accepted) {
+                Some(true) => self.sent = None,
+                Some(false) => {
+                    tracing::warn!("gripper: {} rejects its goal", self.fingers.name);
+                    sent.pending = None;
+                }
+                None if sent.is_overdue(time) => self.send(time),
+                None => {}
             }
         }
         if self.wanted == Gripper::Open {
@@ -138,5 +165,18 @@ impl FingerGripper {
         let at = joints.name.iter().position(|n| *n == self.fingers.joint)?;
         let (position, rate) = (joints.position.get(at)?, joints.velocity.get(at)?);
         self.watch.see(time, *position, *rate)
+    }
+
+    fn send(&mut self, time: f64) {
+        let command = Command {
+            position: self.fingers.position(self.wanted),
+            max_effort: self.fingers.effort,
+        };
+        let pending = self.action.begin_goal(Goal { command });
+        let pending = pending.inspect_err(|e| tracing::warn!("gripper: {e}"));
+        self.sent = Some(Sent {
+            pending: pending.ok(),
+            time,
+        });
     }
 }

@@ -50,9 +50,9 @@ pub struct Fingers {
     pub name: String,
     /// The joint that moves the fingers.
     pub joint: String,
-    /// Its position when it is open, and closed \[m or rad\].
+    /// Its position when the gripper is open \[m or rad\].
     pub open: f64,
-    /// See [`Self::open`].
+    /// Its position when the gripper has closed on nothing \[m or rad\].
     pub closed: f64,
     /// Largest effort with which it closes \[N or N m\]; 0 is the gripper's own.
     pub effort: f64,
@@ -102,12 +102,20 @@ impl Fingers {
             press_time: number(
                 "gripper_press_time",
                 4.0,
-                (0.01, 60.0),
+                (0.1, 10.0),
                 "How long the fingers must have stood still until the gripper presses with its whole effort, and holds [s]",
             ),
             name,
         };
         (!fingers.name.is_empty()).then_some(fingers)
+    }
+
+    /// Position of the joint for a command \[m or rad\].
+    pub fn position(&self, command: Gripper) -> f64 {
+        match command {
+            Gripper::Open => self.open,
+            Gripper::Close => self.closed,
+        }
     }
 
     /// A watch of its joint.
@@ -475,7 +483,19 @@ impl MissionParams {
             config.grasps = grasps;
         }
         let grip = match (fingers, uses_services) {
-            (Some(fingers), _) => Grip::Fingers(fingers),
+            (Some(fingers), true) => {
+                return Err(format!(
+                    "parameter gripper is '{}' and gripper_services is true; give one of them",
+                    fingers.name
+                ));
+            }
+            (Some(_), false) if config.grip_stiffness.is_infinite() => {
+                return Err(
+                    "parameter grip_stiffness is not given; a gripper with fingers yields, and the servo must know how much"
+                        .to_owned(),
+                );
+            }
+            (Some(fingers), false) => Grip::Fingers(fingers),
             (None, true) => Grip::Services,
             (None, false) => Grip::Automatic,
         };
@@ -506,9 +526,22 @@ impl MissionParams {
         };
         if fingers.open == fingers.closed {
             return Err(format!(
-                "parameter gripper_closed is {}, as gripper_open; the fingers must move",
+                "parameters gripper_open and gripper_closed are both {}; they must differ",
                 fingers.closed
             ));
+        }
+        // A gripper that ends at its stroke's end before it is `closed` would seem to hold something.
+        let limits = &robot.joints()[joint].limits;
+        for (name, value) in [
+            ("gripper_open", fingers.open),
+            ("gripper_closed", fingers.closed),
+        ] {
+            if !(limits.lower..=limits.upper).contains(&value) {
+                return Err(format!(
+                    "parameter {name} is {value}; joint {} moves from {} to {}",
+                    fingers.joint, limits.lower, limits.upper
+                ));
+            }
         }
         let locked: Vec<bool> = (0..robot.dof()).map(|j| j == joint).collect();
         let q: Vec<f64> = (locked.iter())

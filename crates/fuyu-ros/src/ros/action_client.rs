@@ -82,6 +82,17 @@ impl<A: Action> ActionClient<A> {
         }))
     }
 
+    /// Sends a goal without waiting for its acceptance, for programs that do not need its result: the acceptance wakes the
+    /// node's program.
+    ///
+    /// # Errors
+    /// [`CallError::NotSent`] if the transport does not accept the request.
+    pub fn begin_goal(&self, goal: A::Goal) -> Result<PendingGoal<A>, CallError> {
+        let request = A::goal_request(random_id(), goal);
+        let response = self.send_goal.send(&request)?;
+        Ok(PendingGoal { response })
+    }
+
     /// Takes the feedback of one goal out of the received messages.
     fn take_feedback(&self, id: &UUID) -> Vec<A::Feedback> {
         let mut received = self.received.lock().unwrap_or_else(PoisonError::into_inner);
@@ -95,6 +106,20 @@ impl<A: Action> ActionClient<A> {
         drop(received);
         let own: Vec<(UUID, A::Feedback)> = own;
         own.into_iter().map(|(_, feedback)| feedback).collect()
+    }
+}
+
+/// A goal whose acceptance has not been taken yet. From [`ActionClient::begin_goal`].
+pub struct PendingGoal<A: Action> {
+    response: PendingCall<A::SendGoal>,
+}
+
+impl<A: Action> PendingGoal<A> {
+    /// Whether the server accepts the goal, once, when it has responded.
+    pub fn is_accepted(&self) -> Option<bool> {
+        self.response
+            .take()
+            .map(|response| A::is_accepted(&response))
     }
 }
 

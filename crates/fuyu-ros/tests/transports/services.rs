@@ -99,39 +99,41 @@ fn a_service_is_called_from_its_own_and_from_another_session_over(network: &Netw
 /// Key expression of the service `sum`, of any type.
 const SUM: &str = "0/sum/*/*";
 
+/// A server that speaks Zenoh only. It ends the first `ended` queries of the service without a reply, and answers 3 to the
+/// others. Returns the attachments of all queries.
+fn raw_server(session: &zenoh::Session, ended: usize) -> Arc<Mutex<Vec<Vec<u8>>>> {
+    let attachments = Arc::new(Mutex::new(Vec::new()));
+    let arrived = Arc::clone(&attachments);
+    let queryable = session.declare_queryable(SUM).complete(true);
+    let queryable = queryable.callback(move |query| {
+        let attachment = query.attachment().expect("it has one").to_bytes().to_vec();
+        let mut arrived = arrived.lock().unwrap();
+        arrived.push(attachment.clone());
+        if arrived.len() > ended {
+            let reply = cdr::encode(&AddTwoIntsResponse { sum: 3 });
+            let reply = query.reply(query.key_expr(), reply);
+            reply.attachment(attachment).wait().expect("it replies");
+        }
+    });
+    // It lives as long as the session.
+    queryable.background().wait().expect("it serves");
+    // Until the queryable is known everywhere.
+    std::thread::sleep(Duration::from_millis(500));
+    attachments
+}
+
 // Fails if a request were lost whose query ends without a reply: while the routes between two peers change, a query does not
 // reach the server. The server here ends the first query as such a change does.
 #[test]
 fn a_request_whose_query_ends_is_sent_again() {
     let router = Router::start();
     let server = router.client();
-    let attachments = Arc::new(Mutex::new(Vec::new()));
-    let arrived = Arc::clone(&attachments);
-    let _sum = server
-        .declare_queryable(SUM)
-        .complete(true)
-        .callback(move |query| {
-            let attachment = query.attachment().expect("it has one").to_bytes().to_vec();
-            let mut arrived = arrived.lock().unwrap();
-            arrived.push(attachment.clone());
-            if arrived.len() > 1 {
-                let reply = query.reply(
-                    query.key_expr(),
-                    cdr::encode(&AddTwoIntsResponse { sum: 3 }),
-                );
-                reply.attachment(attachment).wait().expect("it replies");
-            }
-        })
-        .wait()
-        .expect("it serves");
     let mut process = router.process(0);
     let client = process.start("client", idle).expect("it starts");
     let sum = client.client::<AddTwoInts>("sum").expect("a client");
-    // Not before the queryable is known, or the first query would not arrive either.
-    std::thread::sleep(Duration::from_millis(500));
-    let call = sum
-        .send(&AddTwoIntsRequest { a: 1, b: 2 })
-        .expect("it is sent");
+    let attachments = raw_server(&server, 1);
+    let request = AddTwoIntsRequest { a: 1, b: 2 };
+    let call = sum.send(&request).expect("it is sent");
     eventually("the reply arrives", || call.is_ready());
     assert_eq!(call.take().expect("it is ready").sum, 3);
     let attachments = attachments.lock().unwrap();
@@ -139,20 +141,63 @@ fn a_request_whose_query_ends_is_sent_again() {
     assert_eq!(attachments[0], attachments[1]);
 }
 
-// Fails if a server served a request again that it has served, or took requests with other times for one and the same.
+// Fails if a request that no server answers were sent for ever.
+#[test]
+fn a_request_is_sent_six_times_at_most() {
+    let router = Router::start();
+    let server = router.client();
+    let mut process = router.process(0);
+    let client = process.start("client", idle).expect("it starts");
+    let sum = client.client::<AddTwoInts>("sum").expect("a client");
+    let attachments = raw_server(&server, usize::MAX);
+    let request = AddTwoIntsRequest { a: 1, b: 2 };
+    let call = sum.send(&request).expect("it is sent");
+    eventually("it is sent six times", || {
+        attachments.lock().unwrap().len() == 6
+    });
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(attachments.lock().unwrap().len(), 6);
+    assert!(!call.is_ready());
+}
+
+// Fails if a request that a server in the same process answers were sent to a server elsewhere that comes later.
+#[test]
+fn a_request_to_a_server_of_the_same_process_is_not_sent_again() {
+    let router = Router::start();
+    let elsewhere = router.client();
+    let mut process = router.process(0);
+    let server = process.start("server", idle).expect("it starts");
+    let client = process.start("client", idle).expect("it starts");
+    let _sum = server
+        .serve::<AddTwoInts>("sum", |r| AddTwoIntsResponse { sum: r.a + r.b })
+        .expect("it serves");
+    let sum = client.client::<AddTwoInts>("sum").expect("a client");
+    let request = AddTwoIntsRequest { a: 1, b: 2 };
+    let reply = sum.call(&request, PATIENCE).expect("it replies");
+    assert_eq!(reply.sum, 3);
+    // It is there before the second attempt would be, and waits for the last one.
+    let attachments = raw_server(&elsewhere, 0);
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(attachments.lock().unwrap().len(), 0);
+}
+
+// Fails if a server served a request again that it has served, did not repeat its reply, took requests with other times for
+// one and the same, or took a request to an earlier server for one to itself.
 #[test]
 fn a_request_that_arrives_twice_is_served_once() {
     let router = Router::start();
     let mut process = router.process(0);
     let server = process.start("server", idle).expect("it starts");
     let served = Arc::new(AtomicUsize::new(0));
-    let counter = Arc::clone(&served);
-    let _sum = server
-        .serve::<AddTwoInts>("sum", move |r| {
+    let serve = || {
+        let counter = Arc::clone(&served);
+        let serves = server.serve::<AddTwoInts>("sum", move |r| {
             counter.fetch_add(1, SeqCst);
             AddTwoIntsResponse { sum: r.a + r.b }
-        })
-        .expect("it serves");
+        });
+        serves.expect("it serves")
+    };
+    let sum = serve();
     let client = router.client();
     let ask = |time: u8| {
         // Request 1 of a publisher, at this time: two 64-bit integers and a GID after its length.
@@ -161,15 +206,17 @@ fn a_request_that_arrives_twice_is_served_once() {
         let query = client.get(SUM).target(QueryTarget::All);
         let query = query.payload(cdr::encode(&AddTwoIntsRequest { a: 1, b: 2 }));
         let replies = query.attachment(attachment).wait().expect("it is sent");
-        replies
-            .iter()
-            .filter(|reply| reply.result().is_ok())
-            .count()
+        let replies = replies.iter().filter(|reply| reply.result().is_ok());
+        replies.count()
     };
     eventually("the service is there", || ask(1) == 1);
-    let before = served.load(SeqCst);
-    assert_eq!((ask(1), served.load(SeqCst)), (0, before));
-    assert_eq!((ask(2), served.load(SeqCst)), (1, before + 1));
+    assert_eq!(served.load(SeqCst), 1);
+    assert_eq!((ask(1), served.load(SeqCst)), (1, 1));
+    assert_eq!((ask(2), served.load(SeqCst)), (1, 2));
+    drop(sum);
+    let _sum = serve();
+    eventually("the new server is there", || ask(2) == 1);
+    assert_eq!(served.load(SeqCst), 3);
 }
 
 fn with_gain(node: &Node) -> Result<(), NodeError> {

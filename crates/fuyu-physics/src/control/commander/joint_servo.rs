@@ -39,9 +39,9 @@ pub enum JointDuty {
 ///
 /// It is sampled: efforts are held from one call to the next. With the period `T` it is stable for `ω T` well below 1.
 ///
-/// If the last link holds a body through a grip that yields, the robot's own links are much lighter than the inertia `Ĥ`, which
-/// contains that body, and the rates that they have at the grip's high natural frequencies say nothing about its motion. `ė`
-/// is then that of the positions after a filter of first order ([`JointServo::with_compliance`]).
+/// `Ĥ` contains a body that the last link holds. If the grip yields, the measured rates are those of the much lighter last
+/// link, which oscillates on the grip, and not those of the body. Then `ė` is computed from filtered positions
+/// ([`JointServo::with_compliance`]).
 #[derive(Debug, Clone)]
 pub struct JointServo {
     bandwidth: f64,
@@ -116,16 +116,20 @@ impl JointServo {
         }
     }
 
-    /// For a robot that holds a body through a grip which yields: `frequency` \[rad/s\] is the lowest natural frequency of
-    /// that body on the grip while the last link does not move.
+    /// For a robot that holds a body through a grip which yields. `frequency` `Ω` \[rad/s\] is the lowest natural frequency
+    /// of the body on the grip while the last link does not move; it must be positive.
     ///
-    /// Far above `frequency`, a joint moves the last link against the grip alone: positions follow efforts by the grip's compliance
-    /// `1/K`, at least, and up to twice as far while it oscillates. The largest gain of the feedback on positions is there `2 ω Ĥ / τ`, with the
-    /// filter's time constant `τ`. Since `Ĥ / K <= 1/Ω²` (`Ω` is `frequency`), the gain of the loop is at most `4 ω / (τ Ω²)`, at any
-    /// sampling period and without damping of the grip, and below 1 whatever the phase if `τ > 4 ω / Ω²` (small-gain theorem: G. Zames,
-    /// On the input-output stability of time-varying nonlinear feedback systems, IEEE Trans. Automatic Control 11, 1966). Here `ω <= Ω/5` and `τ = 1/(5 ω)`, with which it
-    /// is 0.8 and the filter turns the phase at `ω` by 11 degrees.
+    /// Far above `Ω` the body stands still, and a joint moves the last link against the grip: an oscillator with the stiffness
+    /// `K >= Ĥ Ω²` and some damping ratio `ζ`. With the bandwidth `ω` and the filter's time constant `τ`, the feedback on its position is at most `Ĥ
+    /// (ω² + 2 ω / τ)`. With `ω <= Ω/5` and `τ = 1/(5 ω)`, that is `11 ω² Ĥ <= 0.44 K`: less than the grip, at any sampling period. A
+    /// sampled feedback drives an oscillator without damping, however weak it is; this one is stable at all natural frequencies and periods
+    /// if `ζ >= 0.3`, which the joints' and the grip's damping provide (computed in the test `a_damped_grip_is_stable_at_any_period`). The filter
+    /// turns the phase at `ω` by 11 degrees.
+    ///
+    /// # Panics
+    /// If `frequency` is not positive.
     pub fn with_compliance(mut self, frequency: f64) -> Self {
+        assert!(frequency > 0.0, "the natural frequency must be positive");
         self.bandwidth = self.bandwidth.min(Self::COMPLIANT_SHARE * frequency);
         let time_constant = 0.2 / self.bandwidth;
         self.filter = Some(RateFilter::new(self.efforts.len(), time_constant));
@@ -254,6 +258,7 @@ fn solve_free_joints(
 mod tests {
     use super::*;
     use crate::dynamics::{Floating, IntegrationMethod};
+    use nalgebra::{Matrix3, RowVector3, Vector3};
 
     fn servicer() -> Model {
         let xml = include_str!("../../../../../urdf/servicer.urdf");
@@ -301,6 +306,50 @@ mod tests {
             (5, tracked),
         ] {
             assert!((found[j] - expected).abs() < 1e-9, "{j}: {}", found[j]);
+        }
+    }
+
+    /// Spectral radius of the sampled loop: an oscillator of unit stiffness and natural frequency with the damping ratio `zeta`, in which
+    /// a body stands still, under the feedback `-(gain + rate_gain (1 - filter)) x`, held for `phase`; `ratio` is `τ / T`.
+    fn spectral_radius(zeta: f64, phase: f64, ratio: f64) -> f64 {
+        // ω² Ĥ / K and 2 ω Ĥ / (τ K), with Ω = 5 ω and τ = 1 / (5 ω).
+        let (gain, rate_gain) = (1.0 / 25.0, 10.0 / 25.0);
+        let motion = Matrix3::new(
+            0.0,
+            1.0,
+            0.0, //
+            -1.0,
+            -2.0 * zeta,
+            1.0, //
+            0.0,
+            0.0,
+            0.0,
+        );
+        let held = (motion * phase).exp();
+        let share = -(-1.0 / ratio).exp_m1();
+        // The filter takes the position, then the effort follows, then both are held.
+        let filtered = Vector3::new(share, 0.0, 1.0 - share);
+        let effort = Vector3::new(-gain - rate_gain, 0.0, 0.0) + rate_gain * filtered;
+        let row = |r: usize| {
+            RowVector3::new(held[(r, 0)], held[(r, 1)], 0.0) + held[(r, 2)] * effort.transpose()
+        };
+        let loop_matrix = Matrix3::from_rows(&[row(0), row(1), filtered.transpose()]);
+        let eigenvalues = loop_matrix.complex_eigenvalues();
+        eigenvalues.iter().fold(0.0, |most, v| v.norm().max(most))
+    }
+
+    // Fails if the gains of the servo or the time constant of its filter were larger: the claim of `with_compliance`.
+    #[test]
+    fn a_damped_grip_is_stable_at_any_period() {
+        let phases = || (1..2000).map(|k| 0.01 * f64::from(k));
+        for ratio in [1.0, 5.0, 25.0, 100.0] {
+            let radius = |zeta| {
+                phases()
+                    .map(|phase| spectral_radius(zeta, phase, ratio))
+                    .fold(0.0, f64::max)
+            };
+            assert!(radius(0.3) < 1.0, "{ratio}: {}", radius(0.3));
+            assert!(radius(0.05) > 1.0, "{ratio}: {}", radius(0.05));
         }
     }
 }

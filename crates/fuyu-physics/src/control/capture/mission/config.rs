@@ -159,8 +159,15 @@ impl CaptureConfig {
             ("close_angle", self.close_within.1),
             ("close_timeout", self.close_timeout),
             ("pull", self.pull),
-            // Infinite is allowed.
-            ("grip_stiffness", self.grip_stiffness.min(f64::MAX)),
+            // Infinite is allowed: it does not yield.
+            (
+                "grip_stiffness",
+                if self.grip_stiffness == f64::INFINITY {
+                    1.0
+                } else {
+                    self.grip_stiffness
+                },
+            ),
             ("slip_distance", self.slip.0),
             ("slip_angle", self.slip.1),
             ("presumed_mass", self.presumed.0),

@@ -224,7 +224,9 @@ impl CaptureMission {
                 if since < GRIP_TIMEOUT {
                     return Stage::Pull(pull);
                 }
-                let reason = "the gripper does not say whether it holds".to_owned();
+                let reason = format!(
+                    "the gripper has not reported within {GRIP_TIMEOUT} s whether it holds"
+                );
                 return self.missed(closing, reason);
             }
             _ => {}

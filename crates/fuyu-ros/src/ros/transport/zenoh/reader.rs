@@ -91,12 +91,15 @@ impl ZenohReader {
         let (receiver, graph) = (Arc::clone(reader), Arc::clone(graph));
         let pending = Arc::clone(pending);
         let queryable = session
-            .declare_queryable(key)
+            .declare_queryable(key.clone())
             .complete(true)
             .allowed_origin(Locality::Remote)
             .callback(move |query| match pending.keep(&service, query) {
                 Received::Request(request) => receiver.receive_remote(request, &graph),
                 Received::Duplicate => {}
+                Received::Answered(query, cdr, request) => {
+                    service::reply(&query, &key, cdr, request, Time::wall());
+                }
                 Received::Invalid => {
                     receiver.report_invalid(&graph, None, "it is not a request of rmw_zenoh");
                 }

@@ -6,10 +6,7 @@
 use bytes::Bytes;
 use std::{
     collections::VecDeque,
-    sync::{
-        Arc, Mutex, MutexGuard, PoisonError, Weak,
-        atomic::{AtomicBool, Ordering::Relaxed},
-    },
+    sync::{Arc, Mutex, MutexGuard, PoisonError, Weak, atomic::Ordering::Relaxed},
     thread,
     time::{Duration, Instant},
 };
@@ -27,7 +24,7 @@ use super::{
 };
 use crate::ros::{
     Gid, Time,
-    endpoint::Reader,
+    endpoint::{Reader, Writer},
     graph_cache::GraphCache,
     sample::SampleIdentity,
     transport::{TransportError, WireWriter},
@@ -36,13 +33,15 @@ use crate::ros::{
 /// How long the result of an action may take, in place of the timeout of the session.
 const RESULT_TIMEOUT: Duration = Duration::from_secs(365 * 24 * 3600);
 
-/// How often a request is sent again, and how long after its query ended. Few, since a server of another implementation
-/// may serve each of them.
+/// How often a request is sent again. Few, since a server that does not recognise a request may serve it each time.
 const RETRIES: u8 = 5;
+
+/// How long after its query ended a request is sent again.
 const RETRY_DELAY: Duration = Duration::from_millis(100);
 
-/// Requests that wait to be sent again; beyond it the oldest is lost.
+/// Requests that wait to be sent again: their number, and the sum of their lengths \[bytes\]. Beyond it the oldest are lost.
 const WAITING: usize = 1024;
+const WAITING_BYTES: usize = 16 << 20;
 
 /// The subscriptions to replies of a session.
 #[derive(Default)]
@@ -53,18 +52,18 @@ pub(super) struct ReplyReaders {
 impl ReplyReaders {
     pub(super) fn add(&self, reader: &Arc<Reader>) {
         let service = ServiceOfNode::new(&reader.node, &reader.spec.name);
-        self.lock().push((service, Arc::clone(reader)));
+        lock(&self.readers).push((service, Arc::clone(reader)));
     }
 
     pub(super) fn remove(&self, reader: &Arc<Reader>) {
-        self.lock().retain(|(_, r)| !Arc::ptr_eq(r, reader));
+        lock(&self.readers).retain(|(_, r)| !Arc::ptr_eq(r, reader));
     }
 
     /// Passes the reply to a request of a client on.
     fn receive(&self, service: &ServiceOfNode, reply: &Sample, graph: &GraphCache) {
         let attachment = reply.attachment().map(|a| a.to_bytes());
         let attachment = attachment.and_then(|a| Attachment::decode(&a));
-        let readers = self.lock().clone();
+        let readers = lock(&self.readers).clone();
         for (_, reader) in readers.iter().filter(|(other, _)| other == service) {
             let Some(attachment) = attachment else {
                 reader.report_invalid(graph, None, "its attachment is not one of rmw_zenoh");
@@ -77,10 +76,6 @@ impl ReplyReaders {
             let cdr = Bytes::copy_from_slice(&reply.payload().to_bytes());
             reader.receive_remote(received(cdr, attachment, Some(request)), graph);
         }
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Vec<(ServiceOfNode, Arc<Reader>)>> {
-        self.readers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -97,6 +92,8 @@ struct RequestSender {
     querier: Querier<'static>,
     replies: Arc<ReplyReaders>,
     graph: Arc<GraphCache>,
+    /// Of the client.
+    writer: Weak<Writer>,
     retries: Mutex<RetryQueue>,
 }
 
@@ -104,6 +101,7 @@ struct RequestSender {
 #[derive(Default)]
 struct RetryQueue {
     requests: VecDeque<(Instant, Request)>,
+    bytes: usize,
     has_thread: bool,
 }
 
@@ -112,13 +110,17 @@ impl RequestSender {
     fn send(self: &Arc<Self>, request: Request) -> bool {
         let query = self.querier.get().payload(request.cdr.clone());
         let query = query.attachment(request.attachment.encode());
+        let state = Arc::new(Mutex::new(QueryState {
+            request: Some(request),
+            is_accepted: false,
+            has_ended: false,
+        }));
         let outstanding = Outstanding {
             sender: Arc::downgrade(self),
-            request: Some(request),
-            is_answered: AtomicBool::new(false),
+            state: Arc::clone(&state),
         };
         let sent = query.callback(move |reply| {
-            outstanding.is_answered.store(true, Relaxed);
+            lock(&outstanding.state).request = None;
             let Some(sender) = outstanding.sender.upgrade() else {
                 return;
             };
@@ -132,16 +134,51 @@ impl RequestSender {
                 }
             }
         });
-        sent.wait().is_ok()
+        let is_accepted = sent.wait().is_ok();
+        let mut state = lock(&state);
+        state.is_accepted = is_accepted;
+        let ended = state.has_ended && is_accepted;
+        let request = state.request.take_if(|_| ended || !is_accepted);
+        drop(state);
+        if let Some(request) = request
+            && is_accepted
+        {
+            self.send_later(request);
+        }
+        is_accepted
     }
 
-    fn send_later(self: &Arc<Self>, request: Request) {
-        let mut queue = self.retries.lock().unwrap_or_else(PoisonError::into_inner);
-        let due = Instant::now() + RETRY_DELAY;
-        if queue.requests.len() >= WAITING {
-            queue.requests.pop_front();
+    /// Whether a server in this participant gets the requests without the network; then no server gets the query.
+    fn has_local_server(&self) -> bool {
+        let writer = self.writer.upgrade();
+        writer.is_some_and(|writer| writer.counters.local.load(Relaxed) > 0)
+    }
+
+    /// For a request whose query ended without a reply.
+    fn send_later(self: &Arc<Self>, mut request: Request) {
+        if self.has_local_server() {
+            return;
         }
+        let (number, name) = (request.attachment.sequence_number, self.service.name());
+        if request.retries == 0 {
+            tracing::warn!(
+                "Zenoh: request {number} of service {name} has reached no server, or its reply was lost, in {} attempts",
+                RETRIES + 1
+            );
+            return;
+        }
+        request.retries -= 1;
+        let mut queue = lock(&self.retries);
+        let due = Instant::now() + RETRY_DELAY;
+        queue.bytes += request.cdr.len();
         queue.requests.push_back((due, request));
+        while (queue.requests.len() > WAITING || queue.bytes > WAITING_BYTES)
+            && let Some((_, lost)) = queue.requests.pop_front()
+        {
+            queue.bytes -= lost.cdr.len();
+            let number = lost.attachment.sequence_number;
+            tracing::warn!("Zenoh: request {number} of service {name} is lost: too many wait");
+        }
         if queue.has_thread {
             return;
         }
@@ -152,8 +189,9 @@ impl RequestSender {
 
     /// The next request to be sent again; `None` ends the thread.
     fn next_retry(&self) -> Option<(Instant, Request)> {
-        let mut queue = self.retries.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut queue = lock(&self.retries);
         let next = queue.requests.pop_front();
+        queue.bytes -= next.as_ref().map_or(0, |(_, request)| request.cdr.len());
         queue.has_thread = next.is_some();
         next
     }
@@ -171,27 +209,35 @@ fn send_due(sender: &Weak<RequestSender>) {
     }
 }
 
-/// A query. Zenoh drops it when the query has ended.
+/// A query. Zenoh drops it when the query has ended, or was not accepted.
 struct Outstanding {
     sender: Weak<RequestSender>,
-    /// `None` once dropped.
+    state: Arc<Mutex<QueryState>>,
+}
+
+struct QueryState {
+    /// `None` once there is a reply.
     request: Option<Request>,
-    is_answered: AtomicBool,
+    /// The caller learns of a query that is not accepted; it is not sent again.
+    is_accepted: bool,
+    has_ended: bool,
 }
 
 impl Drop for Outstanding {
     fn drop(&mut self) {
-        let Some(mut request) = self.request.take() else {
-            return;
-        };
-        if *self.is_answered.get_mut() || request.retries == 0 {
-            return;
-        }
-        if let Some(sender) = self.sender.upgrade() {
-            request.retries -= 1;
+        let mut state = lock(&self.state);
+        state.has_ended = true;
+        let is_accepted = state.is_accepted;
+        let request = state.request.take_if(|_| is_accepted);
+        drop(state);
+        if let (Some(sender), Some(request)) = (self.sender.upgrade(), request) {
             sender.send_later(request);
         }
     }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The requests of a client.
@@ -208,7 +254,7 @@ impl RequestWriter {
         session: &Session,
         (service, key, domain): (ServiceOfNode, &TopicKey, u16),
         (gid, token): (Gid, LivelinessToken),
-        replies: &Arc<ReplyReaders>,
+        (writer, replies): (&Arc<Writer>, &Arc<ReplyReaders>),
         graph: &Arc<GraphCache>,
     ) -> Result<Self, TransportError> {
         let mut querier = session
@@ -224,6 +270,7 @@ impl RequestWriter {
             querier: querier.wait().map_err(TransportError::other)?,
             replies: Arc::clone(replies),
             graph: Arc::clone(graph),
+            writer: Arc::downgrade(writer),
             retries: Mutex::default(),
         };
         Ok(Self {
@@ -246,7 +293,7 @@ impl WireWriter for RequestWriter {
         published: Time,
         _: Option<SampleIdentity>,
     ) -> Option<SampleIdentity> {
-        let mut number = self.number.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut number = lock(&self.number);
         *number += 1;
         let attachment = Attachment {
             sequence_number: *number,

@@ -2,7 +2,7 @@
 
 use bytes::Bytes;
 use std::{
-    collections::{HashMap, HashSet, VecDeque},
+    collections::{HashMap, VecDeque},
     sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::Duration,
 };
@@ -15,11 +15,18 @@ use crate::ros::{
     transport::WireWriter,
 };
 
-/// Queries that may wait for their reply; beyond it the oldest ends without one.
+/// Requests that may wait for their reply; beyond it the oldest ends without one.
 const WAITING: usize = 4096;
 
-/// Requests that are remembered, so that one that arrives twice is served once.
+/// Requests that are remembered after their reply, so that one that arrives again is not served again.
 const REMEMBERED: usize = 4096;
+
+/// Replies that are kept for such requests: the longest, and the sum of their lengths \[bytes\].
+const LONGEST_REPLY: usize = 64 << 10;
+const KEPT_REPLIES: usize = 8 << 20;
+
+/// Queries of one request that get its reply.
+const QUERIES: usize = 8;
 
 /// A service of a node. Nodes are told apart by the address of their names.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
@@ -41,51 +48,47 @@ impl ServiceOfNode {
     }
 }
 
-/// Queries that wait for their replies.
+/// The requests to the services of a session.
 #[derive(Default)]
 pub(super) struct PendingQueries {
-    inner: Mutex<Pending>,
+    inner: Mutex<Requests>,
 }
 
 /// A service, and the request.
 type Question = (ServiceOfNode, Gid, i64);
 
 #[derive(Default)]
-struct Pending {
-    queries: HashMap<Question, Query>,
-    order: VecDeque<Question>,
-    seen: SeenRequests,
+struct Requests {
+    requests: HashMap<Question, Request>,
+    /// Those without a reply, in order of arrival.
+    waiting: VecDeque<Question>,
+    /// Those with one, in order of their replies.
+    answered: VecDeque<Question>,
+    /// Sum of the lengths of the replies \[bytes\].
+    kept: usize,
 }
 
-/// The last requests, each with its time: a client that numbers all its requests alike does send more than one.
-#[derive(Default)]
-struct SeenRequests {
-    requests: HashSet<(Question, Time)>,
-    order: VecDeque<(Question, Time)>,
+struct Request {
+    /// Some clients give all their requests the same number, but not the same time.
+    time: Time,
+    state: RequestState,
 }
 
-impl SeenRequests {
-    /// Whether this is the first time.
-    fn is_new(&mut self, request: (Question, Time)) -> bool {
-        if !self.requests.insert(request.clone()) {
-            return false;
-        }
-        self.order.push_back(request);
-        if self.order.len() > REMEMBERED
-            && let Some(oldest) = self.order.pop_front()
-        {
-            self.requests.remove(&oldest);
-        }
-        true
-    }
+enum RequestState {
+    /// The same request may arrive by several queries: over two routes, or again after the first query ended.
+    Waiting(Vec<Query>),
+    /// Its reply, unless that is too long to be kept.
+    Answered(Option<Bytes>),
 }
 
 /// A query that arrived at a server.
 pub(super) enum Received {
     /// To be served.
     Request(RawSample),
-    /// Received before: a client sends a request again whose query ended without a reply.
+    /// A request that is being served, or whose reply is not kept.
     Duplicate,
+    /// A request that has been served, with its reply.
+    Answered(Query, Bytes, SampleIdentity),
     /// Not a request of rmw_zenoh.
     Invalid,
 }
@@ -100,43 +103,127 @@ impl PendingQueries {
         };
         let cdr = Bytes::copy_from_slice(&payload.to_bytes());
         let question = (service.clone(), attachment.gid, attachment.sequence_number);
-        let mut pending = self.lock();
-        if !(pending.seen).is_new((question.clone(), attachment.source_time)) {
-            // The earlier query has ended, so that the reply goes to this one.
-            if let Some(waiting) = pending.queries.get_mut(&question) {
-                *waiting = query;
-            }
-            return Received::Duplicate;
+        let mut guard = self.lock();
+        let known = guard.requests.get_mut(&question);
+        if let Some(known) = known.filter(|request| request.time == attachment.source_time) {
+            return match &mut known.state {
+                RequestState::Waiting(queries) => {
+                    if queries.len() < QUERIES {
+                        queries.push(query);
+                    }
+                    Received::Duplicate
+                }
+                RequestState::Answered(None) => Received::Duplicate,
+                RequestState::Answered(Some(reply)) => {
+                    let reply = reply.clone();
+                    drop(guard);
+                    let request = SampleIdentity {
+                        writer: attachment.gid,
+                        sequence_number: attachment.sequence_number,
+                    };
+                    Received::Answered(query, reply, request)
+                }
+            };
         }
-        if pending.order.len() >= WAITING
-            && let Some(oldest) = pending.order.pop_front()
+        let request = Request {
+            time: attachment.source_time,
+            state: RequestState::Waiting(vec![query]),
+        };
+        let mut ended = vec![guard.forget_one(&question)];
+        if guard.waiting.len() >= WAITING
+            && let Some(oldest) = guard.waiting.front().cloned()
         {
-            pending.queries.remove(&oldest);
+            ended.push(guard.forget_one(&oldest));
         }
-        pending.order.push_back(question.clone());
-        pending.queries.insert(question, query);
-        drop(pending);
+        guard.waiting.push_back(question.clone());
+        guard.requests.insert(question, request);
+        // Queries end when they are dropped, and that sends: not while others wait for the lock.
+        drop(guard);
+        drop(ended);
         Received::Request(received(cdr, attachment, None))
     }
 
-    fn take(&self, service: &ServiceOfNode, question: SampleIdentity) -> Option<Query> {
+    /// The queries of a request, and keeps its reply.
+    fn answer(
+        &self,
+        service: &ServiceOfNode,
+        question: SampleIdentity,
+        reply: &Bytes,
+    ) -> Vec<Query> {
         let key = (service.clone(), question.writer, question.sequence_number);
-        let mut pending = self.lock();
-        let query = pending.queries.remove(&key)?;
-        pending.order.retain(|other| *other != key);
-        Some(query)
+        let mut guard = self.lock();
+        let Some(request) = guard.requests.get_mut(&key) else {
+            return Vec::new();
+        };
+        let RequestState::Waiting(queries) = &mut request.state else {
+            return Vec::new();
+        };
+        let queries = std::mem::take(queries);
+        let kept = (reply.len() <= LONGEST_REPLY).then(|| reply.clone());
+        guard.kept += kept.as_ref().map_or(0, Bytes::len);
+        if let Some(request) = guard.requests.get_mut(&key) {
+            request.state = RequestState::Answered(kept);
+        }
+        guard.waiting.retain(|other| *other != key);
+        guard.answered.push_back(key);
+        while (guard.answered.len() > REMEMBERED || guard.kept > KEPT_REPLIES)
+            && let Some(oldest) = guard.answered.front().cloned()
+        {
+            guard.forget_one(&oldest);
+        }
+        queries
     }
 
-    /// Ends the queries of a service that is no longer there.
+    /// Ends the queries of a service that is no longer there, and forgets its requests.
     pub(super) fn forget(&self, service: &ServiceOfNode) {
-        let mut pending = self.lock();
-        pending.queries.retain(|(other, ..), _| other != service);
-        pending.order.retain(|(other, ..)| other != service);
+        let mut guard = self.lock();
+        let of_service = guard.requests.keys().filter(|(other, ..)| other == service);
+        let of_service: Vec<_> = of_service.cloned().collect();
+        let ended: Vec<_> = (of_service.iter())
+            .map(|question| guard.forget_one(question))
+            .collect();
+        drop(guard);
+        drop(ended);
     }
 
-    fn lock(&self) -> MutexGuard<'_, Pending> {
+    fn lock(&self) -> MutexGuard<'_, Requests> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+impl Requests {
+    /// Forgets a request, if it is known. Its queries end when the result is dropped.
+    fn forget_one(&mut self, question: &Question) -> Option<Request> {
+        let request = self.requests.remove(question)?;
+        let order = match &request.state {
+            RequestState::Waiting(_) => &mut self.waiting,
+            RequestState::Answered(reply) => {
+                self.kept -= reply.as_ref().map_or(0, Bytes::len);
+                &mut self.answered
+            }
+        };
+        // The oldest, as a rule.
+        let at = order.iter().position(|other| other == question);
+        at.and_then(|at| order.remove(at));
+        Some(request)
+    }
+}
+
+/// Replies to a query.
+pub(super) fn reply(
+    query: &Query,
+    key: &str,
+    cdr: Bytes,
+    request: SampleIdentity,
+    now: Time,
+) -> bool {
+    let attachment = Attachment {
+        sequence_number: request.sequence_number,
+        source_time: now,
+        gid: request.writer,
+    };
+    let reply = query.reply(key, cdr).attachment(attachment.encode());
+    reply.wait().is_ok()
 }
 
 /// A sample as it arrived. `related` is the request that it replies to.
@@ -181,17 +268,13 @@ impl WireWriter for ReplyWriter {
         published: Time,
         related: Option<SampleIdentity>,
     ) -> Option<SampleIdentity> {
-        let question = related?;
-        let query = self.pending.take(&self.service, question)?;
-        let attachment = Attachment {
-            sequence_number: question.sequence_number,
-            source_time: published,
-            gid: question.writer,
-        };
-        let reply = query.reply(&self.key, cdr);
-        let sent = reply.attachment(attachment.encode()).wait();
-        sent.ok()?;
-        Some(question)
+        let request = related?;
+        let queries = self.pending.answer(&self.service, request, &cdr);
+        let mut is_sent = false;
+        for query in &queries {
+            is_sent |= reply(query, &self.key, cdr.clone(), request, published);
+        }
+        is_sent.then_some(request)
     }
 
     fn wait_for_acknowledgments(&self, _: Duration) {}

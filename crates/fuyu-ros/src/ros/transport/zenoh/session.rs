@@ -179,7 +179,8 @@ impl Session for ZenohSession {
                 let service = ServiceOfNode::new(&writer.node, &spec.name);
                 let place = (service, &key, self.domain);
                 let graph = &self.shared.graph;
-                let wire = RequestWriter::new(&self.session, place, token, &self.replies, graph)?;
+                let client = (writer, &self.replies);
+                let wire = RequestWriter::new(&self.session, place, token, client, graph)?;
                 writer.attach(Some(Arc::new(wire)));
             }
             Role::Reply(_) => {
