@@ -56,6 +56,9 @@ fn an_operator_holds_resumes_and_aborts() {
     let mut peer = Peer::start("operator", DOMAIN);
     peer.subscribe("joint_states", JOINT_STATE, "reliable");
     reach(&mut peer, "approach");
+    eventually("the arm moves", PATIENCE, || {
+        (largest_rate(&mut peer)? > 5e-3).then_some(())
+    });
     let (skipped, reason) = call(&mut peer, "skip");
     assert!(!skipped && reason.contains("approach"), "{reason}");
     let (held, said) = call(&mut peer, "hold");

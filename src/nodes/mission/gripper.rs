@@ -24,7 +24,7 @@ pub(super) enum GripperDriver {
     /// The services `attach` and `detach`.
     Services(GripperServices),
     /// A gripper with fingers.
-    Fingers(FingerGripper),
+    Fingers(Box<FingerGripper>),
 }
 
 impl GripperDriver {
@@ -36,7 +36,7 @@ impl GripperDriver {
         Ok(match grip {
             Grip::Automatic => Self::Automatic,
             Grip::Services => Self::Services(GripperServices::new(node)?),
-            Grip::Fingers(fingers) => Self::Fingers(FingerGripper::new(node, fingers)?),
+            Grip::Fingers(fingers) => Self::Fingers(Box::new(FingerGripper::new(node, fingers)?)),
         })
     }
 

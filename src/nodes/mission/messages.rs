@@ -105,11 +105,12 @@ pub fn state(mission: &CaptureMission, header: Header) -> MissionState {
     state
 }
 
-/// Decides when the state is published: every 0.2 s, and when a phase begins.
+/// Decides when the state is published: every 0.2 s, when a phase begins, and when the mission is held or resumed.
 #[derive(Debug, Default)]
 pub struct StateTimer {
     next: f64,
-    phases: usize,
+    /// Phases so far, and whether the mission is held, when it was published last.
+    published: (usize, bool),
 }
 
 /// Simulated time between two states of a mission on its topic \[s\].
@@ -118,10 +119,10 @@ pub const STATE_PERIOD: f64 = 0.2;
 impl StateTimer {
     /// Whether the state at `time` \[s\] is to be published.
     pub fn is_due(&mut self, mission: &CaptureMission, time: f64) -> bool {
-        let phases = mission.reports().len();
-        let is_due = phases != self.phases || time >= self.next - 1e-9;
+        let present = (mission.reports().len(), mission.is_paused());
+        let is_due = present != self.published || time >= self.next - 1e-9;
         if is_due {
-            (self.next, self.phases) = (time + STATE_PERIOD, phases);
+            (self.next, self.published) = (time + STATE_PERIOD, present);
         }
         is_due
     }

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use crate::{
     control::capture::{
-        CaptureConfig, CaptureMission, ClearanceConfig, DetumbleLimits, GripWatch,
+        CaptureConfig, CaptureMission, ClearanceConfig, DetumbleLimits, GripWatch, Gripper,
         JointLimitsShare, Objective, TipLaw, TrackConfig,
     },
     model::Model,

@@ -108,7 +108,7 @@ mod transport;
 mod wall_clock_watch;
 
 pub use action::{ActionServer, Goal, GoalRequest};
-pub use action_client::{ActionClient, GoalHandle};
+pub use action_client::{ActionClient, GoalHandle, PendingGoal};
 pub use allocator::return_free_memory;
 pub use args::RosArgs;
 pub use client::{CallError, PendingCall, ServiceClient};
