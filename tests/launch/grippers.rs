@@ -30,8 +30,9 @@ fn start(domain: u16, more: &[&str]) -> (Running, Peer) {
     for parameter in more {
         node.args(["-p", parameter]);
     }
-    let node = Running::start(node);
+    // The peer first: what it needs may have to be compiled, and the satellite tumbles out of the fingers.
     let mut peer = peer_with_interfaces("operator", domain);
+    let node = Running::start(node);
     peer.subscribe("joint_states", JOINT_STATE, "reliable");
     peer.subscribe("diagnostics", DIAGNOSTICS, "reliable");
     (node, peer)

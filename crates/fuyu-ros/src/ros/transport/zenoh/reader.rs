@@ -20,6 +20,7 @@ use super::{
     service::{self, PendingQueries, Received, ServiceOfNode},
 };
 use crate::ros::{
+    Time,
     endpoint::Reader,
     graph_cache::GraphCache,
     qos::{Durability, History},
