@@ -1,6 +1,6 @@
 //! Attachment of every message: sequence number, time of publication and identity of its publisher.
 
-use crate::ros::{Gid, Time};
+use crate::ros::{Gid, Time, sample::SampleIdentity};
 
 /// Length of an encoded attachment \[bytes\].
 const LENGTH: usize = 33;
@@ -18,6 +18,14 @@ pub(super) struct Attachment {
 }
 
 impl Attachment {
+    /// Identity of the message or the request; of a reply, that of its request.
+    pub(super) fn identity(&self) -> SampleIdentity {
+        SampleIdentity {
+            writer: self.gid,
+            sequence_number: self.sequence_number,
+        }
+    }
+
     /// Two 64-bit integers, little endian, and the GID after its length.
     pub(super) fn encode(&self) -> [u8; LENGTH] {
         let mut bytes = [0; LENGTH];

@@ -69,10 +69,7 @@ impl ReplyReaders {
                 reader.report_invalid(graph, None, "its attachment is not one of rmw_zenoh");
                 continue;
             };
-            let request = SampleIdentity {
-                writer: attachment.gid,
-                sequence_number: attachment.sequence_number,
-            };
+            let request = attachment.identity();
             let cdr = Bytes::copy_from_slice(&reply.payload().to_bytes());
             reader.receive_remote(received(cdr, attachment, Some(request)), graph);
         }
@@ -137,12 +134,10 @@ impl RequestSender {
         let is_accepted = sent.wait().is_ok();
         let mut state = lock(&state);
         state.is_accepted = is_accepted;
-        let ended = state.has_ended && is_accepted;
-        let request = state.request.take_if(|_| ended || !is_accepted);
+        let is_over = is_accepted && state.has_ended;
+        let request = state.request.take_if(|_| is_over);
         drop(state);
-        if let Some(request) = request
-            && is_accepted
-        {
+        if let Some(request) = request {
             self.send_later(request);
         }
         is_accepted
@@ -307,10 +302,8 @@ impl WireWriter for RequestWriter {
             attachment,
             retries: RETRIES,
         };
-        self.sender.send(request).then_some(SampleIdentity {
-            writer: self.gid,
-            sequence_number: attachment.sequence_number,
-        })
+        let is_sent = self.sender.send(request);
+        is_sent.then_some(attachment.identity())
     }
 
     fn wait_for_acknowledgments(&self, _: Duration) {}

@@ -117,11 +117,7 @@ impl PendingQueries {
                 RequestState::Answered(Some(reply)) => {
                     let reply = reply.clone();
                     drop(guard);
-                    let request = SampleIdentity {
-                        writer: attachment.gid,
-                        sequence_number: attachment.sequence_number,
-                    };
-                    Received::Answered(query, reply, request)
+                    Received::Answered(query, reply, attachment.identity())
                 }
             };
         }
@@ -160,10 +156,9 @@ impl PendingQueries {
         };
         let queries = std::mem::take(queries);
         let kept = (reply.len() <= LONGEST_REPLY).then(|| reply.clone());
-        guard.kept += kept.as_ref().map_or(0, Bytes::len);
-        if let Some(request) = guard.requests.get_mut(&key) {
-            request.state = RequestState::Answered(kept);
-        }
+        let length = kept.as_ref().map_or(0, Bytes::len);
+        request.state = RequestState::Answered(kept);
+        guard.kept += length;
         guard.waiting.retain(|other| *other != key);
         guard.answered.push_back(key);
         while (guard.answered.len() > REMEMBERED || guard.kept > KEPT_REPLIES)
@@ -232,10 +227,6 @@ pub(super) fn received(
     attachment: Attachment,
     related: Option<SampleIdentity>,
 ) -> RawSample {
-    let identity = SampleIdentity {
-        writer: attachment.gid,
-        sequence_number: attachment.sequence_number,
-    };
     RawSample {
         cdr,
         source_time: Some(attachment.source_time),
@@ -243,7 +234,7 @@ pub(super) fn received(
         publisher: attachment.gid,
         sequence_number: attachment.sequence_number,
         related,
-        identity,
+        identity: attachment.identity(),
         reply_path: ReplyPath::Wire,
     }
 }

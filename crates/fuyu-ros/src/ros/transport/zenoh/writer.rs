@@ -158,10 +158,7 @@ impl WireWriter for TopicWriter {
         let put = self.publisher.put(cdr).attachment(attachment.encode());
         put.wait().ok()?;
         *number += 1;
-        Some(SampleIdentity {
-            writer: self.gid,
-            sequence_number: attachment.sequence_number,
-        })
+        Some(attachment.identity())
     }
 
     fn wait_for_acknowledgments(&self, _: Duration) {
