@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::fuyu::fuyu;
+use super::fuyu::{file, fuyu};
 
 fn phase<'a>(run: &'a Value, name: &str) -> &'a Value {
     let phases = run["mission"]["phases"].as_array().unwrap();
@@ -99,11 +99,9 @@ fn two_fingers_hold_the_target_by_friction() {
 #[test]
 fn a_target_that_slips_through_the_fingers_is_let_go() {
     let text = include_str!("../../config/capture_gripper.yaml");
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("slippery.yaml");
     let slippery = text.replacen("friction: 0.8", "friction: 0.005", 1);
     assert_ne!(slippery, text);
-    std::fs::write(&path, slippery).unwrap();
+    let (_folder, path) = file("slippery.yaml", slippery);
     let run = fuyu(&["simulate", path.to_str().unwrap(), "--json"]);
     assert_eq!(run.code, 1, "{}", run.stderr);
     let result: serde_json::Value = serde_json::from_str(&run.stdout).expect("one JSON object");
@@ -118,80 +116,83 @@ fn a_target_that_slips_through_the_fingers_is_let_go() {
     );
 }
 
-#[test]
-fn a_gripper_that_cannot_work_is_refused() {
-    let text = include_str!("../../config/capture_gripper.yaml");
-    let folder = tempfile::tempdir().unwrap();
-    for (from, to, expected) in [
-        (
-            "    gripper_joint: left_finger_joint\n",
-            "    gripper_joint: thumb\n",
-            "parameter gripper_joint: the robot has no joint 'thumb' that moves on its own",
-        ),
-        (
-            "    gripper: hand\n",
-            "    gripper: foot\n",
-            "parameter gripper is 'foot'; the dynamics node's grippers are [\"hand\"]",
-        ),
-        (
-            "    gripper_closed: 0.06\n",
-            "    gripper_closed: 0.002\n",
-            "parameters gripper_open and gripper_closed are both 0.002; they must differ",
-        ),
-        (
-            "    gripper_closed: 0.06\n",
-            "    gripper_closed: 0.07\n",
-            "parameter gripper_closed is 0.07; joint left_finger_joint moves from 0 to 0.06",
-        ),
-        (
-            "    grip_stiffness: 5.0e4\n",
-            "",
-            "parameter grip_stiffness is not given",
-        ),
-        (
-            "    gripper: hand\n",
-            "    gripper: hand\n    gripper_services: true\n",
-            "parameter gripper is 'hand' and gripper_services is true",
-        ),
-    ] {
-        let path = folder.path().join("gripper.yaml");
-        let changed = text.replacen(from, to, 1);
-        assert_ne!(changed, text);
-        std::fs::write(&path, changed).unwrap();
+/// Checks that each change of a scenario, one text for another, is refused with a line that contains the third text.
+fn refuses(scenario: &str, changes: &[(&str, &str, &str)]) {
+    for (from, to, expected) in changes {
+        let changed = scenario.replacen(from, to, 1);
+        assert_ne!(changed, scenario);
+        let (_folder, path) = file("scenario.yaml", changed);
         let run = fuyu(&["simulate", path.to_str().unwrap()]);
         assert!(run.refusal().contains(expected), "{}", run.stderr);
     }
 }
 
 #[test]
+fn a_gripper_that_cannot_work_is_refused() {
+    let text = include_str!("../../config/capture_gripper.yaml");
+    refuses(
+        text,
+        &[
+            (
+                "    gripper_joint: left_finger_joint\n",
+                "    gripper_joint: thumb\n",
+                "parameter gripper_joint: the robot has no joint 'thumb' that moves on its own",
+            ),
+            (
+                "    gripper: hand\n",
+                "    gripper: foot\n",
+                "parameter gripper is 'foot'; the dynamics node's grippers are [\"hand\"]",
+            ),
+            (
+                "    gripper_closed: 0.06\n",
+                "    gripper_closed: 0.002\n",
+                "parameters gripper_open and gripper_closed are both 0.002; they must differ",
+            ),
+            (
+                "    gripper_closed: 0.06\n",
+                "    gripper_closed: 0.07\n",
+                "parameter gripper_closed is 0.07; joint left_finger_joint moves from 0 to 0.06",
+            ),
+            (
+                "    grip_stiffness: 5.0e4\n",
+                "",
+                "parameter grip_stiffness is not given",
+            ),
+            (
+                "    gripper: hand\n",
+                "    gripper: hand\n    gripper_services: true\n",
+                "parameter gripper is 'hand' and gripper_services is true",
+            ),
+        ],
+    );
+}
+
+#[test]
 fn a_mission_without_what_it_needs_is_refused() {
     let text = include_str!("../../config/capture.yaml");
-    let folder = tempfile::tempdir().unwrap();
-    for (from, to, expected) in [
-        (
-            "    goal:\n      frame: client\n",
-            "    goal:\n",
-            "camera: parameter goal.frame is not given; a mission needs it",
-        ),
-        (
-            "    autostart: true\n",
-            "    autostart: true\n    standoff: 0.0\n",
-            "parameter standoff is 0; it must be positive and finite",
-        ),
-        (
-            "    autostart: true\n",
-            "    autostart: true\n    approach_axis: [1.0, 0.0]\n",
-            "parameter approach_axis has 2 values; give 3",
-        ),
-        (
-            "mission:\n",
-            "controller:\n  ros__parameters:\n    tip_link: tool0\nmission:\n",
-            "/controller commands the same joints; name one of the two",
-        ),
-    ] {
-        let path = folder.path().join("capture.yaml");
-        std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
-        let run = fuyu(&["simulate", path.to_str().unwrap()]);
-        assert!(run.refusal().contains(expected), "{}", run.refusal());
-    }
+    refuses(
+        text,
+        &[
+            (
+                "    goal:\n      frame: client\n",
+                "    goal:\n",
+                "camera: parameter goal.frame is not given; a mission needs it",
+            ),
+            (
+                "    autostart: true\n",
+                "    autostart: true\n    standoff: 0.0\n",
+                "parameter standoff is 0; it must be positive and finite",
+            ),
+            (
+                "    autostart: true\n",
+                "    autostart: true\n    approach_axis: [1.0, 0.0]\n",
+                "parameter approach_axis has 2 values; give 3",
+            ),
+            (
+                "mission:\n",
+                "controller:\n  ros__parameters:\n    tip_link: tool0\nmission:\n",
+                "/controller commands the same joints; name one of the two",
+            ),
+        ],
+    );
 }

@@ -81,12 +81,12 @@ impl RateFilter {
     /// Takes the errors at `time` \[s\]. They had no rate before the first sample.
     fn take(&mut self, time: f64, errors: impl Iterator<Item = f64>) {
         let period = self.time.map(|before| (time - before).max(0.0));
+        // Exact for an error that is held over the period.
+        let share = period.map(|period| -(-period / self.time_constant).exp_m1());
         self.time = Some(time);
         for (j, error) in errors.enumerate() {
-            match period {
-                // Exact for an error that is held over the period.
-                Some(period) => {
-                    let share = -(-period / self.time_constant).exp_m1();
+            match share {
+                Some(share) => {
                     self.errors[j] += share * (error - self.errors[j]);
                     self.rates[j] = (error - self.errors[j]) / self.time_constant;
                 }

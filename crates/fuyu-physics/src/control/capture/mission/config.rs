@@ -1,12 +1,12 @@
 //! Settings of a capture mission.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use crate::control::capture::{
     ClearanceConfig, DetumbleLimits, JointLimitsShare, Objective, TipLaw, TrackConfig,
 };
 use crate::control::gains::ConfigError;
-use crate::spatial::{Pose, RigidInertia};
+use crate::spatial::{Pose, RigidInertia, SpatialInertia};
 
 /// Settings of a [`CaptureMission`](super::CaptureMission).
 #[derive(Debug, Clone, PartialEq)]
@@ -224,9 +224,7 @@ impl CaptureConfig {
     /// Lowest natural frequency \[rad/s\] of a body (in the tip's frame) on the grip, while the tip does not move: that of a rotation about
     /// the tip, with the body's largest moment of inertia. `None` if the grip does not yield.
     pub(super) fn grip_frequency(&self, body: &RigidInertia) -> Option<f64> {
-        let r = body.com;
-        let shift = Matrix3::identity() * r.norm_squared() - r * r.transpose();
-        let about_tip = body.about_com + shift * body.mass;
+        let about_tip = SpatialInertia::from(body).about_origin.to_matrix();
         let largest = about_tip.symmetric_eigenvalues().max();
         (self.grip_stiffness.is_finite() && largest > 0.0)
             .then(|| (self.grip_stiffness / largest).sqrt())
