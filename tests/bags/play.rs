@@ -11,7 +11,7 @@ use fuyu::msg::std_msgs::String as Text;
 use fuyu::msg::{Interface, cdr};
 use fuyu::ros::{DiscoveryRange, Domain, Process, Qos, RosArgs};
 
-use crate::peer::DomainClaim;
+use crate::peer::{DomainClaim, Peer};
 use crate::{
     lateness::repeat_if_late,
     waiting::{PATIENCE, eventually},
@@ -102,11 +102,15 @@ impl<M> Drop for Listener<M> {
     }
 }
 
-fn interrupt(child: &mut Child) {
+fn signal(process: u32, signal: &str) {
     let sent = Command::new("kill")
-        .args(["-INT", &child.id().to_string()])
+        .args([signal, &process.to_string()])
         .status();
     assert!(sent.unwrap().success());
+}
+
+fn interrupt(child: &mut Child) {
+    signal(child.id(), "-INT");
     let status = eventually("the end", PATIENCE, || child.try_wait().unwrap());
     assert!(status.success(), "{status}");
 }
@@ -216,6 +220,29 @@ fn played_and_recorded(domain: u16, bag: &Path, again: &Path) {
         assert_eq!(described(&first, name), described(&second, played));
     }
     assert!(bytes(&first) == bytes(&second), "/gripper has other bytes");
+}
+
+// Would break if the player ended before a subscriber that does not run for two seconds has the last messages: what arrives
+// after the end of their publisher is ignored.
+#[test]
+fn the_last_messages_reach_a_subscriber_that_is_late() {
+    let domain = 26;
+    let mut late = Peer::start("late", domain);
+    late.subscribe("/words", "std_msgs/msg/String", "reliable");
+    let dir = tempfile::tempdir().unwrap();
+    let bag = dir.path().join("bag");
+    record(&bag);
+    let words = Listener::<Text>::start(domain, "/words", Qos::RELIABLE.depth(500));
+    let mut child = player(domain, &bag, &["--delay", "3"]);
+    while words.next("a word").data != "190" {}
+    signal(late.id(), "-STOP");
+    while words.next("a word").data != "199" {}
+    std::thread::sleep(std::time::Duration::from_secs(2));
+    assert_eq!(child.try_wait().unwrap(), None, "it has not waited");
+    signal(late.id(), "-CONT");
+    let status = eventually("the end", PATIENCE, || child.try_wait().unwrap());
+    assert!(status.success());
+    late.receive("/words", 200);
 }
 
 #[test]

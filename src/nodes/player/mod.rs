@@ -8,7 +8,7 @@ use std::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicBool, Ordering},
     },
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use super::topics;
@@ -27,6 +27,9 @@ use pace::Pace;
 
 /// Node name, as that of `ros2 bag play`.
 pub const NAME: &str = "rosbag2_player";
+
+/// How long the end waits for subscribers that are busy, all topics together.
+const LAST_ACKNOWLEDGEMENT: Duration = Duration::from_secs(5);
 
 /// Options of playback.
 #[derive(Debug, Clone)]
@@ -205,8 +208,19 @@ impl Stage<'_> {
         Ok(())
     }
 
+    /// Ends the publishers when subscribers have the last messages.
     fn finish(self) {
         let publishers: Vec<_> = self.publishers.into_values().flatten().collect();
+        let deadline = Instant::now() + LAST_ACKNOWLEDGEMENT;
+        for publisher in &publishers {
+            let left = deadline.saturating_duration_since(Instant::now());
+            if self.node.ok() && !publisher.wait_for_all_acked(left) {
+                let topic = publisher.topic();
+                tracing::warn!(
+                    "topic {topic}: subscribers have not acknowledged its last messages"
+                );
+            }
+        }
         let dropped = publishers.iter().map(RawPublisher::dropped).sum();
         let mut played = self.played.lock().unwrap_or_else(PoisonError::into_inner);
         played.topics = publishers.len();

@@ -309,14 +309,14 @@ impl Writer {
         identity
     }
 
-    /// Waits until living subscribers of other participants have what was written, at most `patience`. DDS would wait
-    /// without them too.
-    pub(super) fn wait_for_acknowledgments(&self, patience: Duration) {
-        if let Some(wire) = self.wire()
-            && self.spec.qos.is_reliable()
-            && self.counters.remote.load(Relaxed) > 0
-        {
-            wire.wait_for_acknowledgments(patience);
+    /// Waits until living subscribers of other participants have what was written, at most `timeout`. Whether they have;
+    /// without such subscribers, where DDS would wait too, or best effort, at once.
+    pub(super) fn wait_for_all_acked(&self, timeout: Duration) -> bool {
+        match self.wire() {
+            Some(wire) if self.spec.qos.is_reliable() && self.counters.remote.load(Relaxed) > 0 => {
+                wire.wait_for_all_acked(timeout)
+            }
+            _ => true,
         }
     }
 

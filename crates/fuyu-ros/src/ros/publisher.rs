@@ -68,8 +68,23 @@ impl<M> Drop for Publisher<M> {
         self.core
             .send_queue
             .flush_writer(&self.writer, LAST_MESSAGES);
-        self.writer.wait_for_acknowledgments(LAST_MESSAGES);
+        self.writer.wait_for_all_acked(LAST_MESSAGES);
         self.core.remove_writer(&self.writer);
+    }
+}
+
+impl<M> Publisher<M> {
+    /// Waits until the subscribers of other processes have acknowledged all messages, at most `timeout`. Whether they
+    /// have. At once `true` for a best-effort publisher, without such subscribers, and over Zenoh, which has no
+    /// acknowledgements.
+    ///
+    /// A publisher that ends waits for 200 ms. This is for messages that must not be lost even if subscribers or the
+    /// computer are busy, such as the last ones of a bag.
+    pub fn wait_for_all_acked(&self, timeout: Duration) -> bool {
+        let deadline = Instant::now() + timeout;
+        self.core.send_queue.flush_writer(&self.writer, timeout);
+        let left = deadline.saturating_duration_since(Instant::now());
+        self.writer.queued.load(Relaxed) == 0 && self.writer.wait_for_all_acked(left)
     }
 }
 
@@ -97,6 +112,11 @@ impl RawPublisher {
             core.send_queue.flush_writer(writer, LAST_MESSAGES);
         }
         core.publish_cdr(writer, cdr.into());
+    }
+
+    /// Waits until the subscribers have all messages ([`Publisher::wait_for_all_acked`]).
+    pub fn wait_for_all_acked(&self, timeout: Duration) -> bool {
+        self.publisher.wait_for_all_acked(timeout)
     }
 
     /// Full name of the topic.

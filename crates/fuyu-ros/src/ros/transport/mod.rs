@@ -90,8 +90,8 @@ pub(super) trait WireWriter: Send + Sync {
         related: Option<SampleIdentity>,
     ) -> Option<SampleIdentity>;
 
-    /// Waits until living reliable subscribers have all written samples, at most `patience`.
-    fn wait_for_acknowledgments(&self, patience: Duration);
+    /// Waits until living reliable subscribers have all written samples, at most `timeout`. Whether they have.
+    fn wait_for_all_acked(&self, timeout: Duration) -> bool;
 }
 
 /// Discovery of a session.

@@ -114,9 +114,8 @@ impl WireWriter for DdsWriter {
         Some(identity)
     }
 
-    fn wait_for_acknowledgments(&self, patience: Duration) {
+    fn wait_for_all_acked(&self, timeout: Duration) -> bool {
         self.acknowledge_for_own_readers();
-        // A subscriber that has not acknowledged by then is dead or overloaded.
-        let _ = self.raw.wait_for_acknowledgments(patience);
+        matches!(self.raw.wait_for_acknowledgments(timeout), Ok(true))
     }
 }

@@ -306,5 +306,7 @@ impl WireWriter for RequestWriter {
         is_sent.then_some(attachment.identity())
     }
 
-    fn wait_for_acknowledgments(&self, _: Duration) {}
+    fn wait_for_all_acked(&self, _: Duration) -> bool {
+        true
+    }
 }

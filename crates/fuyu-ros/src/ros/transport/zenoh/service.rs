@@ -268,5 +268,7 @@ impl WireWriter for ReplyWriter {
         is_sent.then_some(request)
     }
 
-    fn wait_for_acknowledgments(&self, _: Duration) {}
+    fn wait_for_all_acked(&self, _: Duration) -> bool {
+        true
+    }
 }
