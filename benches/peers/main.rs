@@ -17,7 +17,7 @@ mod peer;
 mod report;
 mod robots;
 
-use fuyu::dynamics::IntegrationMethod;
+use fuyu::dynamics::{InstructionSets, IntegrationMethod};
 use measure::{Runner, Times, measure};
 use peer::Peer;
 use robots::{Moving, Robot};
@@ -226,6 +226,10 @@ fn main() {
     if peers.is_empty() || exact.is_empty() {
         eprintln!("scripts/bench-peers.sh installs what to compare with; this is fuyu alone");
     }
+    println!(
+        "fuyu's instruction sets: {}\n",
+        InstructionSets::of_this_processor()
+    );
     let (mut rows, mut alone_rows) = (Vec::new(), Vec::new());
     for robot in robots::robots() {
         if !words.is_empty() && !words.iter().any(|w| robot.name.contains(w.as_str())) {

@@ -1,6 +1,6 @@
 //! Forward dynamics by the articulated-body algorithm.
 
-use pulp::{Simd, WithSimd};
+use pulp::{Arch, Simd, WithSimd};
 
 use super::formulation::evaluate_with_base_twist;
 use super::kernel::{Vec3, base_angular_velocity, forward_dynamics};
@@ -27,6 +27,14 @@ impl ArticulatedBody {
         Self {
             scratch: DynamicsScratch::new(model),
             coupled: model.has_mimics().then(|| Box::new(Reduced::new(model))),
+        }
+    }
+
+    /// The same with another instruction set, for a robot without mimic joints.
+    pub(super) fn with_instruction_set(model: &Model, arch: Arch) -> Self {
+        Self {
+            scratch: DynamicsScratch::with_instruction_set(model, arch),
+            coupled: None,
         }
     }
 

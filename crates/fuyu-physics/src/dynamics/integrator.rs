@@ -7,8 +7,8 @@ use super::joint_physics::{Acting, JointSteps, Stepper};
 use super::newton_euler::SystemError;
 use super::rate::{Rate, advance, damping_loss};
 use super::{
-    Evaluation, Formulation, FormulationKind, ForwardDynamics, Input, JointPhysics, Loops, State,
-    Tableau, TreeAcceleration, Workspace, checks,
+    Evaluation, Formulation, FormulationKind, ForwardDynamics, Input, InstructionSets,
+    JointPhysics, Loops, State, Tableau, TreeAcceleration, Workspace, checks,
 };
 use crate::model::Model;
 
@@ -86,7 +86,7 @@ impl Integrator {
         Self {
             stepper,
             tableau,
-            arch: Arch::new(),
+            arch: InstructionSets::of_this_processor().forward_dynamics,
             rates: vec![Rate::zero(model.dof()); tableau.c.len()],
             stage: State::at_rest(&model),
             input: Input::zero(&model),

@@ -59,6 +59,7 @@ pub mod flexible;
 mod floating;
 mod formulation;
 mod forward;
+mod instruction_set;
 mod integrator;
 mod inverse;
 mod jacobian;
@@ -90,6 +91,7 @@ pub use formulation::{
     Evaluation, Formulation, FormulationKind, ForwardDynamics, TreeAcceleration, TreeMotion,
 };
 pub use forward::Input;
+pub use instruction_set::InstructionSets;
 pub use integrator::{Forcing, IntegrationMethod, Integrator};
 pub use inverse::InverseDynamics;
 pub use joint_physics::JointPhysics;

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use pulp::Arch;
 
+use super::InstructionSets;
 use super::kernel::{LinkScratch, SpatialForce, SubtreeMomentum, Tree};
 use crate::model::Model;
 
@@ -22,10 +23,15 @@ pub(super) struct DynamicsScratch {
 impl DynamicsScratch {
     /// Allocates.
     pub(super) fn new(model: &Model) -> Self {
+        let arch = InstructionSets::of_this_processor().forward_dynamics;
+        Self::with_instruction_set(model, arch)
+    }
+
+    pub(super) fn with_instruction_set(model: &Model, arch: Arch) -> Self {
         let tree = Tree::shared(model);
         Self {
             model: model.clone(),
-            arch: Arch::new(),
+            arch,
             links: vec![LinkScratch::new(0.0); tree.bodies.len()],
             subtrees: vec![SubtreeMomentum::new(0.0); tree.bodies.len()],
             external: vec![SpatialForce::zero(0.0); tree.bodies.len()],

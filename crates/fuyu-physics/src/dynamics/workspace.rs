@@ -7,7 +7,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::axis::Axis;
 use super::kernel::{JointKinematics, MomentumColumn, Tree};
-use super::{State, checks};
+use super::{InstructionSets, State, checks};
 use crate::model::{Frame, Model};
 use crate::spatial::{Pose, Symmetric3, Twist, Wrench};
 
@@ -88,11 +88,16 @@ impl WithSimd for PositionUpdate<'_> {
 impl Workspace {
     /// A workspace for `model`, at joint positions zero. Allocates; no other method does.
     pub fn new(model: &Model) -> Self {
+        let arch = InstructionSets::of_this_processor().positions;
+        Self::with_instruction_set(model, arch)
+    }
+
+    pub(super) fn with_instruction_set(model: &Model, arch: Arch) -> Self {
         let n = model.dof();
         let tree = Tree::shared(model);
         let mimicking = if model.has_mimics() { tree.dof() } else { 0 };
         let mut workspace = Self {
-            arch: Arch::new(),
+            arch,
             model: model.clone(),
             joints: JointKinematics::new(&tree),
             tree,

@@ -19,7 +19,7 @@ pub use self::rows::EffortRows;
 pub use self::together::Together;
 use super::joint_physics::JointSteps;
 use super::kernel::{GROUP_SIZE, Tree};
-use super::{IntegrationMethod, JointPhysics, State, Tableau, checks};
+use super::{InstructionSets, IntegrationMethod, JointPhysics, State, Tableau, checks};
 use crate::model::Model;
 
 /// Many states of one robot, each under its own efforts. One instruction serves several states (SIMD lanes), and rayon
@@ -108,7 +108,7 @@ impl Batch {
             setup: Setup {
                 model: model.clone(),
                 tree: Tree::shared(model),
-                arch: Arch::new(),
+                arch: InstructionSets::of_this_processor().batch,
                 tableau,
                 mass: model.total_mass(),
                 joints: JointSteps::of_batch(model, tableau, &joint_physics),
