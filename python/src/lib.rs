@@ -8,6 +8,7 @@ mod controller;
 mod error;
 mod estimate;
 mod integrator;
+mod latches;
 mod model;
 mod poses;
 mod scenario;
@@ -31,6 +32,8 @@ mod _fuyu {
     use super::estimate::{MotionEstimate, estimate, estimate_rates};
     #[pymodule_export]
     use super::integrator::Integrator;
+    #[pymodule_export]
+    use super::latches::Latches;
     #[pymodule_export]
     use super::model::Model;
     #[pymodule_export]
