@@ -131,12 +131,12 @@ def test_wrong_input_of_latches_is_refused(latches, servicer):
 
 
 def servo(task, seen, gain=0.5, speed=0.2):
-    """Rates that bring the tip to the grasp frame, from observations alone: velocity of the grasp frame plus `gain` times the rest."""
+    """Rates that bring the tip to the grasp frame, from observations alone: velocity of the grasp frame plus a share of the gap."""
     q, rest = seen[:, :6] + task.posture, seen[:, 12:].reshape(len(seen), 6, 3)
     error, _, velocity, turn, _, spin = rest.transpose(1, 0, 2)
     approach = gain * error
     approach *= np.minimum(1.0, speed / np.maximum(np.linalg.norm(approach, axis=1), 1e-9))[:, None]
-    twist = np.concatenate([velocity + approach, spin + gain * turn], axis=1)
+    twist = np.concatenate([velocity + approach, spin + 0.5 * turn], axis=1)
     J = task.model.generalized_jacobian(q.astype(float), task.tip)
     damped = J @ J.transpose(0, 2, 1) + 1e-4 * np.eye(6)
     rates = np.einsum("ijk,ij->ik", J, np.linalg.solve(damped, twist[:, :, None])[:, :, 0]) / task.max_rate
@@ -166,8 +166,9 @@ def test_a_servo_captures_and_rest_does_not():
     for info in (info for info in infos if info is not None):
         assert info["is_success"] and info["latch"] == "closed"
         # 0.03 m/s on an effective mass of some 30 kg, and turns on its lever.
-        assert 0 < np.linalg.norm(info["impulse"][:3]) < 20 and info["energy_lost"] > 0
-        assert info["speed"] < 1e-12 and info["rate"] < 1e-12 and info["reward"] > 0
+        assert 0 < np.linalg.norm(info["impulse"][:3]) < 5 and info["energy_lost"] > 0
+        # What remains of the speed is that of turning with the body, some 0.05 rad/s on 3 cm.
+        assert info["speed"] < 0.003 and info["rate"] < 1e-12 and info["reward"] > 0
     captured, infos = episodes(many(), lambda task, seen: np.zeros((64, 6)), 1)
     assert captured.mean() < 0.05
 
@@ -200,17 +201,19 @@ def test_momentum_does_not_change_in_a_capture():
     assert (np.linalg.norm(after[0] - before[0], axis=1) <= 1e-12 * np.linalg.norm(before[0], axis=1)).all()
     assert (np.linalg.norm(after[1] - before[1], axis=1) <= 1e-12 * before[2]).all()
     # Without resets, what is captured goes on as one body.
-    assert envs.task.distance[envs.task.terminated].max() < 0.03
-    assert envs.task.speed[envs.task.terminated].max() < 1e-9
+    gap, _, velocity, rate = latches.separations()[envs.task.terminated].reshape(-1, 4, 3).transpose(1, 0, 2)
+    spin = latches.grasp_states()[envs.task.terminated, 10:]
+    assert np.linalg.norm(gap, axis=1).max() <= 0.03 and abs(rate).max() < 1e-12
+    assert velocity == pytest.approx(np.cross(spin, gap), abs=1e-12)
 
 
 def test_a_fast_approach_is_no_capture():
     envs = many(16, success_angle=3.0, success_rate=3.0)
     seen, _ = envs.reset(seed=4)
     met = np.zeros(16, bool)
-    for _ in range(60):
-        # The last decimetres at full speed.
-        seen, _, terminated, _, infos = envs.step(servo(envs.task, seen, gain=20.0, speed=0.12))
+    for _ in range(120):
+        # At full speed until the last centimetres.
+        seen, _, terminated, _, infos = envs.step(servo(envs.task, seen, gain=4.0, speed=0.12))
         near = (infos["distance"] <= 0.03) & ~met
         fast = near & (infos["speed"] > 0.03)
         assert not terminated[fast].any() and (infos["latch"][fast] == "speed").all()

@@ -33,6 +33,8 @@ class Capture(Task):
     randomization_type = CaptureRandomization
     #: Reward of a capture, less 1 per N s of its impulse; share of the angle [1/rad].
     BONUS, TURN_WEIGHT = 10.0, 0.2
+    #: Of the drives [1/s]: their time constant is 0.1 s.
+    BANDWIDTH = 10.0
 
     def __init__(
         self,
@@ -82,6 +84,14 @@ class Capture(Task):
             latches.place_targets(which[own] - rows.start, poses[own], velocity[own], spin[own])
         self.impulses[which] = 0.0
         self.just_captured[which] = False
+
+    def prepare_drives(self) -> None:
+        # The inertia of the free-floating robot decouples the joints: each follows its rate in any posture.
+        inertia = self.model.reduced_inertia(self.data[:, self.columns["q"]])
+        self.gains = self.BANDWIDTH * self.scale[:, :, None] * inertia
+
+    def drive(self) -> None:
+        self.efforts[:] = np.matmul(self.gains, self.efforts[:, :, None])[:, :, 0]
 
     def step_bodies(self) -> None:
         for rows, latches in self.latches:

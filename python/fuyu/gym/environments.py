@@ -146,7 +146,7 @@ class TrackEnv(_OneEnv):
 class CaptureEnv(_OneEnv):
     """The tip of a free-floating servicer latches on to a grasp frame of a free body that tumbles and drifts.
 
-    Actions are those of `ReachEnv`. After each action the latch closes if the grasp frame is within `success_distance` [m] and
+    Actions are those of `ReachEnv`, but the drives know the robot's inertia: each joint follows its rate with a time constant of 0.1 s. After each action the latch closes if the grasp frame is within `success_distance` [m] and
     `success_angle` [rad] of the tip, and moves against it with no more than `success_speed` [m/s] and `success_rate` [rad/s]: an impulse
     joins both bodies by a weld, in which the joints turn freely, and the episode terminates. `target` is the body's description,
     `grasp_position` [m] and `grasp_orientation` (x, y, z, w) are those of the grasp frame in its root link, by default a post of the client satellite.

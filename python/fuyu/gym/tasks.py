@@ -185,15 +185,23 @@ class Task:
         """One action of all environments."""
         qd = self.data[:, self.columns["qd"]]
         rates = np.clip(actions, -1.0, 1.0) * self.max_rate
-        gains = self.k_v * self.scale
+        self.prepare_drives()
         for _ in range(self.substeps):
             # The drives' own loop: every step of the integration.
             np.subtract(rates, qd, out=self.efforts)
-            self.efforts *= gains
+            self.drive()
             self.step_bodies()
         self.steps += 1
         self.move_goal()
         self.measure()
+
+    def prepare_drives(self) -> None:
+        """Gains of the drives for the next action."""
+        self.gains = self.k_v * self.scale
+
+    def drive(self) -> None:
+        """Turns the errors of the rates, in `efforts`, into efforts."""
+        self.efforts *= self.gains
 
     def step_bodies(self) -> None:
         """One step of the integration under the efforts."""
