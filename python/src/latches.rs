@@ -22,8 +22,8 @@ use crate::poses::{rotation, unit_quaternion};
 /// `kind` is `weld` or `ball`. `joints` says what the robot's joints do in the impulse: `free`, `locked` (by brakes, as long as the
 /// latch is closed) or `rate_held` (by ideal servos, in the impulse only).
 ///
-/// `close` computes the impulse and joins the two; momentum of both together does not change, energy is lost. From then on `step` moves them as one
-/// system, and writes the motion of each to its row. A row of a closed latch must not be changed by others.
+/// `close` computes the impulse and joins the two; momentum of both together does not change, energy is lost. From then on `step`
+/// moves them as one system, and writes the motion of each to its row. Nothing else may change the rows of a closed latch.
 #[pyclass(module = "fuyu")]
 pub struct Latches {
     robots: Py<Batch>,
@@ -250,8 +250,8 @@ impl Latches {
         Ok(())
     }
 
-    /// Closes the latches of `pairs`, k indices of open ones. Returns, per latch, the impulse on the robot about the tip's origin, world axes [N s, N m s],
-    /// and the kinetic energy lost [J]: shape (k, 7). The rows of both are those after the impulse.
+    /// Closes the latches of `pairs`, k indices of open ones. Returns, per latch, the impulse on the robot about the tip's origin, world axes
+    /// [N s, N m s], and the kinetic energy lost [J]: shape (k, 7). The rows of both are those after the impulse.
     ///
     /// Frames that are further apart than `distance` [m] or, for a weld, `angle` [rad] are an error; nothing has changed then.
     #[pyo3(signature = (pairs, *, distance = 0.01, angle = 0.05))]

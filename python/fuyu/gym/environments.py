@@ -146,19 +146,22 @@ class TrackEnv(_OneEnv):
 class CaptureEnv(_OneEnv):
     """The tip of a free-floating servicer latches on to a grasp frame of a free body that tumbles and drifts.
 
-    Actions are those of `ReachEnv`, but the drives know the robot's inertia: each joint follows its rate with a time constant of 0.1 s. After each action the latch closes if the grasp frame is within `success_distance` [m] and
-    `success_angle` [rad] of the tip, and moves against it with no more than `success_speed` [m/s] and `success_rate` [rad/s]: an impulse
-    joins both bodies by a weld, in which the joints turn freely, and the episode terminates. `target` is the body's description,
-    `grasp_position` [m] and `grasp_orientation` (x, y, z, w) are those of the grasp frame in its root link, by default a post of the client satellite.
+    Actions are those of `ReachEnv`, but the drives know the robot's inertia: each joint follows its rate with a time constant of 0.1 s. After
+    each action the latch closes if the grasp frame is within `success_distance` [m] and `success_angle` [rad] of the tip, and moves
+    against it with no more than `success_speed` [m/s] and `success_rate` [rad/s]: an impulse joins both bodies by a weld, in which the
+    joints turn freely, and the episode terminates. `target` is the body's description, `grasp_position` [m] and
+    `grasp_orientation` (x, y, z, w) are those of the grasp frame in its root link, by default a post of the client satellite.
 
     Observation, shape (2 n + 18,): joint positions from the middle posture [rad], joint rates / max_rate, then vectors in base axes: from
-    tip to grasp frame [m], velocity of the tip against the grasp frame [m/s], velocity of the grasp frame [m/s], rotation vector
-    that turns the tip's axes to those of the grasp frame [rad], angular velocity of the tip against the body [rad/s], angular velocity of the body [rad/s].
+    tip to grasp frame [m], velocity of the tip against the grasp frame [m/s], velocity of the grasp frame [m/s], rotation vector that
+    turns the tip's axes to those of the grasp frame [rad], angular velocity of the tip against the body [rad/s], angular velocity of
+    the body [rad/s].
 
-    Reward: minus the distance [m], minus 0.2 times the angle [rad], less a little for large actions; for the capture 10, less the size of its
-    linear impulse [N s]. `randomization` is a `CaptureRandomization` or a dict of its fields. `info` has `distance` [m], `angle` [rad], `speed` [m/s], `rate` [rad/s],
-    `is_success`, `latch` ("closed", or the first limit that keeps it open: "distance", "angle", "speed", "rate"), `impulse`, shape (6,): force
-    and torque impulse on the tip in world axes [N s, N m s], and `energy_lost` [J], both zero before the capture.
+    Reward: minus the distance [m], minus 0.2 times the angle [rad], less a little for large actions; for the capture 10, less the size of
+    its linear impulse [N s]. `randomization` is a `CaptureRandomization` or a dict of its fields. `info` has `distance` [m], `angle`
+    [rad], `speed` [m/s], `rate` [rad/s], `is_success`, `latch` ("closed", or the first limit that keeps it open: "distance", "angle",
+    "speed", "rate"), `impulse`, shape (6,): force and torque impulse on the tip in world axes [N s, N m s], and `energy_lost` [J],
+    both zero before the capture.
     """
 
     task_type = Capture
