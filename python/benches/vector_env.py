@@ -26,8 +26,10 @@ import fuyu
 import fuyu.gym
 
 try:
-    import mujoco_warp
     import warp
+
+    warp.config.log_level = warp.LOG_WARNING
+    import mujoco_warp
 except ImportError:
     mujoco_warp = None
 
@@ -128,7 +130,6 @@ class WarpServicers:
     """Many servicers on MuJoCo Warp on the CPU, under efforts that are held."""
 
     def __init__(self, model: mujoco.MjModel, efforts: np.ndarray) -> None:
-        warp.config.quiet = True
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         with warp.ScopedDevice("cpu"):

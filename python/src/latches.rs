@@ -10,8 +10,8 @@ use pyo3::prelude::*;
 use rayon::prelude::*;
 
 use crate::arrays::{Given, check_finite, vector};
-use crate::batch::{Batch, RowReader, in_use, output, strict};
-use crate::error::{choose, input, not_negative, run};
+use crate::batch::{Batch, RowReader, has_diverged, in_use, output, strict};
+use crate::error::{choose, input, not_negative};
 use crate::model::find_tip;
 use crate::poses::{rotation, unit_quaternion};
 
@@ -351,11 +351,7 @@ impl Latches {
                     target_layout.check(target_row, index)
                 })
         });
-        diverged.map_err(|problem| {
-            run(format!(
-                "after {steps} steps of {dt} s the motion has diverged: {problem}"
-            ))
-        })
+        diverged.map_err(|problem| has_diverged(dt, steps, problem))
     }
 
     fn __len__(&self) -> usize {

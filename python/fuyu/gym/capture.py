@@ -85,17 +85,16 @@ class Capture(Task):
         self.impulses[which] = 0.0
         self.just_captured[which] = False
 
-    def prepare_drives(self) -> None:
+    def move_bodies(self, rates: np.ndarray) -> None:
         # The inertia of the free-floating robot decouples the joints: each follows its rate in any posture.
+        qd = self.data[:, self.columns["qd"]]
         inertia = self.model.reduced_inertia(self.data[:, self.columns["q"]])
-        self.gains = self.BANDWIDTH * self.scale[:, :, None] * inertia
-
-    def drive(self) -> None:
-        self.efforts[:] = np.matmul(self.gains, self.efforts[:, :, None])[:, :, 0]
-
-    def step_bodies(self) -> None:
-        for rows, latches in self.latches:
-            latches.step(TIME_STEP, self.efforts[rows])
+        gains = self.BANDWIDTH * self.scale[:, :, None] * inertia
+        for _ in range(self.substeps):
+            # The drives' own loop: every step of the integration.
+            efforts = np.matmul(gains, (rates - qd)[:, :, None])[:, :, 0]
+            for rows, latches in self.latches:
+                latches.step(TIME_STEP, efforts[rows])
 
     def advance(self, actions: np.ndarray) -> None:
         super().advance(actions)

@@ -124,7 +124,6 @@ class Task:
         self.goal = np.zeros((count, 3))
         self.goal_velocity = np.zeros((count, 3))
         self.scale = np.ones((count, n))
-        self.efforts = np.zeros((count, n))
         self.tips = np.zeros((count, 13))
         self.distance = np.zeros(count)
         #: Episodes that have come to their end before their time.
@@ -183,30 +182,16 @@ class Task:
 
     def advance(self, actions: np.ndarray) -> None:
         """One action of all environments."""
-        qd = self.data[:, self.columns["qd"]]
-        rates = np.clip(actions, -1.0, 1.0) * self.max_rate
-        self.prepare_drives()
-        for _ in range(self.substeps):
-            # The drives' own loop: every step of the integration.
-            np.subtract(rates, qd, out=self.efforts)
-            self.drive()
-            self.step_bodies()
+        self.move_bodies(np.clip(actions, -1.0, 1.0) * self.max_rate)
         self.steps += 1
         self.move_goal()
         self.measure()
 
-    def prepare_drives(self) -> None:
-        """Gains of the drives for the next action."""
-        self.gains = self.k_v * self.scale
-
-    def drive(self) -> None:
-        """Turns the errors of the rates, in `efforts`, into efforts."""
-        self.efforts *= self.gains
-
-    def step_bodies(self) -> None:
-        """One step of the integration under the efforts."""
+    def move_bodies(self, rates: np.ndarray) -> None:
+        """Moves all bodies while the drives follow these rates, shape (count, n)."""
+        gains = self.k_v * self.scale
         for rows, batch in self.batches:
-            batch.step(TIME_STEP, self.efforts[rows])
+            batch.servo(TIME_STEP, rates[rows], gains[rows], steps=self.substeps)
 
     def measure(self) -> None:
         """Tips, and their distances and velocities against the goals."""
