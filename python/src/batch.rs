@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice};
 use rayon::prelude::*;
 
-use crate::arrays::check_finite;
+use crate::drives::Drives;
 use crate::error::{choose, finite, input, run, same_robot};
 use crate::model::{Model, find_frame};
 use crate::state::State;
@@ -216,11 +216,12 @@ impl Batch {
         diverged.map_or(Ok(()), |problem| Err(has_diverged(dt, steps, problem)))
     }
 
-    /// Advances all states in place by `steps` steps of `dt` [s] under drives that damp the joints to `rates` [rad/s or m/s]: in each step
-    /// the efforts are `gains * (rates - qd)` of its first state, held as by `step`. `gains` [N m s or N s/m] and `rates` have the
-    /// shape (m, n) and are read where they are. The result is that of as many calls of `step`, to the bit, in less time.
+    /// Advances all states in place by `steps` steps of `dt` [s] under drives that damp the joints to `rates` [rad/s or m/s], shape (m, n):
+    /// in each step the efforts are `gains * (rates - qd)` of its first state, held as by `step`. `gains` [N m s or N s/m] has the shape
+    /// (m, n), or (m, n, n): a matrix for each state. Both are read where they are. The result is that of as many calls of
+    /// `step`, in less time.
     #[pyo3(signature = (dt, rates, gains, *, steps = 1))]
-    fn servo(
+    pub fn servo(
         &mut self,
         py: Python<'_>,
         dt: f64,
@@ -232,47 +233,36 @@ impl Batch {
         let (layout, dof, count) = (self.layout(), self.model.robot.dof(), self.batch.len());
         let kind = self.kind()?;
         let (rates, gains) = (strict("rates", rates)?, strict("gains", gains)?);
-        let rates = joint_table("rates", &rates, count, dof)?;
-        let gains = joint_table("gains", &gains, count, dof)?;
+        let drives = Drives::new(&rates, &gains, count, dof)?;
         let data = self.data.bind(py);
         let mut writable = data.try_readwrite().map_err(in_use)?;
         let rows = writable.as_slice_mut()?;
         layout.check(rows, 0).map_err(input)?;
         if self.groups.is_empty() {
-            let group = |k: usize| GROUP.min(count - k);
-            let sizes = (0..count).step_by(GROUP).map(group);
-            let robot = &self.model.robot;
-            self.groups = sizes
-                .map(|size| fuyu::dynamics::Batch::new(robot, kind, size))
-                .collect();
+            let sizes = (0..count).step_by(GROUP).map(|k| GROUP.min(count - k));
+            let group = |size| fuyu::dynamics::Batch::new(&self.model.robot, kind, size);
+            self.groups = sizes.map(group).collect();
         }
         let groups = &mut self.groups;
         let diverged = py.detach(|| {
-            let rows_of = rows.par_chunks_mut(GROUP * layout.len());
-            groups
-                .par_iter_mut()
-                .zip(rows_of)
-                .enumerate()
-                .for_each(|(k, (group, rows))| {
-                    let own = k * GROUP * dof..(k * GROUP + group.len()) * dof;
-                    let (rates, gains) = (&rates[own.clone()], &gains[own]);
-                    let mut efforts = vec![0.0; rates.len()];
-                    for _ in 0..steps {
-                        for (row, index) in rows.chunks_exact(layout.len()).zip(0..) {
-                            for (j, qd) in row[dof + 1..=2 * dof].iter().enumerate() {
-                                let at = index * dof + j;
-                                efforts[at] = (rates[at] - qd) * gains[at];
-                            }
-                        }
-                        // A motion that has diverged is found below.
-                        if group
-                            .step_rows(rows, EffortRows::Each(&efforts), dt, 1)
-                            .is_err()
-                        {
-                            return;
-                        }
+            let pieces = rows.par_chunks_mut(GROUP * layout.len());
+            let pieces = groups.par_iter_mut().zip(pieces).enumerate();
+            pieces.for_each(|(k, (group, rows))| {
+                let mut efforts = vec![0.0; group.len() * dof];
+                for _ in 0..steps {
+                    let states = rows.chunks_exact(layout.len());
+                    for (i, (row, efforts)) in
+                        states.zip(efforts.chunks_exact_mut(dof.max(1))).enumerate()
+                    {
+                        drives.efforts(k * GROUP + i, &row[dof + 1..=2 * dof], efforts);
                     }
-                });
+                    // A motion that has diverged is found below.
+                    let stepped = group.step_rows(rows, EffortRows::Each(&efforts), dt, 1);
+                    if stepped.is_err() {
+                        return;
+                    }
+                }
+            });
             layout.check(rows, 0).err()
         });
         diverged.map_or(Ok(()), |problem| Err(has_diverged(dt, steps, problem)))
@@ -420,27 +410,6 @@ pub fn has_diverged(dt: f64, steps: usize, problem: fuyu::dynamics::RowError) ->
     ))
 }
 
-/// A contiguous table with a row per state and a finite number per joint.
-fn joint_table<'a>(
-    name: &str,
-    given: &'a PyReadonlyArrayDyn<'_, f64>,
-    count: usize,
-    dof: usize,
-) -> PyResult<&'a [f64]> {
-    if given.shape() != [count, dof] {
-        return Err(input(format!(
-            "`{name}` has the shape {:?}; it must be ({count}, {dof})",
-            given.shape()
-        )));
-    }
-    if !given.is_c_contiguous() {
-        return Err(not_contiguous(name));
-    }
-    let values = given.as_slice()?;
-    check_finite(name, values)?;
-    Ok(values)
-}
-
 /// Scratch memory to look at rows of one robot.
 pub struct RowReader {
     layout: StateRow,
@@ -539,7 +508,8 @@ fn wrong_type(name: &str, array: &Bound<'_, PyUntypedArray>) -> PyErr {
     ))
 }
 
-fn not_contiguous(name: &str) -> PyErr {
+/// The error of an array that is not read where it is.
+pub fn not_contiguous(name: &str) -> PyErr {
     input(format!(
         "`{name}` is not contiguous; give a C-contiguous array, such as numpy.ascontiguousarray({name})"
     ))

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use crate::arrays::{Given, check_finite, vector};
 use crate::batch::{Batch, RowReader, has_diverged, in_use, output, strict};
+use crate::drives::Drives;
 use crate::error::{choose, input, not_negative};
 use crate::model::find_tip;
 use crate::poses::{rotation, unit_quaternion};
@@ -41,6 +42,12 @@ struct Held {
     target: Floating,
 }
 
+/// A pair with its rows.
+type Joined<'a> = (
+    usize,
+    ((&'a mut Option<Box<Held>>, &'a mut [f64]), &'a mut [f64]),
+);
+
 impl Held {
     /// Joins the two; also the impulse on the tip, world axes, and the energy lost.
     fn new(
@@ -69,6 +76,22 @@ impl Held {
     fn step(&mut self, dt: f64, steps: usize, efforts: &[f64]) {
         self.captured.hold_robot_efforts(efforts);
         self.captured.step(dt, steps);
+        self.show();
+    }
+
+    /// Under drives, whose efforts are sampled in each step.
+    fn servo(&mut self, dt: f64, steps: usize, (drives, index): (&Drives<'_>, usize)) {
+        let mut efforts = vec![0.0; self.captured.robot().dof()];
+        for _ in 0..steps {
+            let (_, qd) = self.captured.robot_joints();
+            drives.efforts(index, qd.as_slice(), &mut efforts);
+            self.captured.hold_robot_efforts(&efforts);
+            self.captured.step(dt, 1);
+        }
+        self.show();
+    }
+
+    fn show(&mut self) {
         self.captured.show_robot(&mut self.robot);
         self.captured.show_target(&mut self.target);
     }
@@ -325,33 +348,32 @@ impl Latches {
     ) -> PyResult<()> {
         (self.robots.try_borrow_mut(py)?).step(py, dt, Some(efforts), steps)?;
         (self.targets.try_borrow_mut(py)?).step(py, dt, None, steps)?;
-        if self.held.iter().all(Option::is_none) {
-            return Ok(());
-        }
-        let (robots, targets) = (self.robots.try_borrow(py)?, self.targets.try_borrow(py)?);
         let efforts = strict("efforts", efforts)?;
-        let mut of_robots = robots.rows(py).try_readwrite().map_err(in_use)?;
-        let mut of_targets = targets.rows(py).try_readwrite().map_err(in_use)?;
-        let (rows, target_rows) = (of_robots.as_slice_mut()?, of_targets.as_slice_mut()?);
-        let (layout, target_layout) = (robots.layout(), targets.layout());
-        let (dof, efforts) = (robots.robot().dof(), efforts.as_slice()?);
-        let held = &mut self.held;
-        let diverged = py.detach(|| {
-            let pairs = held.par_iter_mut().zip(rows.par_chunks_mut(layout.len()));
-            let pairs = pairs.zip(target_rows.par_chunks_mut(target_layout.len()));
-            pairs
-                .enumerate()
-                .try_for_each(|(index, ((held, row), target_row))| {
-                    let Some(held) = held else { return Ok(()) };
-                    let start = if efforts.len() == dof { 0 } else { index * dof };
-                    held.step(dt, steps, &efforts[start..start + dof]);
-                    layout.write(held.robot.state(), row);
-                    target_layout.write(held.target.state(), target_row);
-                    layout.check(row, index)?;
-                    target_layout.check(target_row, index)
-                })
-        });
-        diverged.map_err(|problem| has_diverged(dt, steps, problem))
+        let (dof, efforts) = (self.dof(py)?, efforts.as_slice()?);
+        self.step_held(py, dt, steps, |index, held| {
+            let start = if efforts.len() == dof { 0 } else { index * dof };
+            held.step(dt, steps, &efforts[start..start + dof]);
+        })
+    }
+
+    /// Advances robots and targets in place by `steps` steps of `dt` [s] under the robots' drives, as `Batch.servo` does. Robot and
+    /// target of a closed latch move as one system.
+    #[pyo3(signature = (dt, rates, gains, *, steps = 1))]
+    fn servo(
+        &mut self,
+        py: Python<'_>,
+        dt: f64,
+        rates: &Bound<'_, PyAny>,
+        gains: &Bound<'_, PyAny>,
+        steps: usize,
+    ) -> PyResult<()> {
+        (self.robots.try_borrow_mut(py)?).servo(py, dt, rates, gains, steps)?;
+        (self.targets.try_borrow_mut(py)?).step(py, dt, None, steps)?;
+        let (rates, gains) = (strict("rates", rates)?, strict("gains", gains)?);
+        let drives = Drives::new(&rates, &gains, self.held.len(), self.dof(py)?)?;
+        self.step_held(py, dt, steps, |index, held| {
+            held.servo(dt, steps, (&drives, index));
+        })
     }
 
     fn __len__(&self) -> usize {
@@ -365,6 +387,44 @@ impl Latches {
 }
 
 impl Latches {
+    /// Number of the robots' joints.
+    fn dof(&self, py: Python<'_>) -> PyResult<usize> {
+        Ok(self.robots.try_borrow(py)?.robot().dof())
+    }
+
+    /// Steps the pairs that are joined by `advance`, and writes their rows.
+    fn step_held(
+        &mut self,
+        py: Python<'_>,
+        dt: f64,
+        steps: usize,
+        advance: impl Fn(usize, &mut Held) + Send + Sync,
+    ) -> PyResult<()> {
+        if self.held.iter().all(Option::is_none) {
+            return Ok(());
+        }
+        let (robots, targets) = (self.robots.try_borrow(py)?, self.targets.try_borrow(py)?);
+        let mut of_robots = robots.rows(py).try_readwrite().map_err(in_use)?;
+        let mut of_targets = targets.rows(py).try_readwrite().map_err(in_use)?;
+        let (rows, target_rows) = (of_robots.as_slice_mut()?, of_targets.as_slice_mut()?);
+        let (layout, target_layout) = (robots.layout(), targets.layout());
+        let held = &mut self.held;
+        let diverged = py.detach(|| {
+            let pairs = held.par_iter_mut().zip(rows.par_chunks_mut(layout.len()));
+            let pairs = pairs.zip(target_rows.par_chunks_mut(target_layout.len()));
+            let one = |(index, ((held, row), target_row)): Joined<'_>| {
+                let Some(held) = held else { return Ok(()) };
+                advance(index, held);
+                layout.write(held.robot.state(), row);
+                target_layout.write(held.target.state(), target_row);
+                layout.check(row, index)?;
+                target_layout.check(target_row, index)
+            };
+            pairs.enumerate().try_for_each(one)
+        });
+        diverged.map_err(|problem| has_diverged(dt, steps, problem))
+    }
+
     /// Refuses indices that are no pairs, and those given twice.
     fn check_pairs(&self, pairs: &[usize]) -> PyResult<()> {
         let mut seen = vec![false; self.held.len()];

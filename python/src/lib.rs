@@ -5,6 +5,7 @@ mod bag;
 mod batch;
 mod campaign;
 mod controller;
+mod drives;
 mod error;
 mod estimate;
 mod integrator;

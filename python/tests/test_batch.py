@@ -199,11 +199,18 @@ def test_drives_are_as_many_steps_under_their_efforts(servicer, random):
     for _ in range(7):
         stepped.step(0.01, (rates - stepped.qd) * gains)
     assert np.array_equal(driven.data, stepped.data) and (driven.time > 0.069).all()
+    # Gains that couple the joints; sums may round differently.
+    gains = random.uniform(-1, 1, (150, 6, 6)) + 8.0 * np.eye(6)
+    driven.servo(0.01, rates, gains, steps=4)
+    for _ in range(4):
+        stepped.step(0.01, np.einsum("ijk,ik->ij", gains, rates - stepped.qd))
+    assert driven.data == pytest.approx(stepped.data, rel=1e-12, abs=1e-12)
     before = driven.data.copy()
     for wrong, text in [
         ((rates[:9], gains), r"`rates` has the shape \[9, 6\]; it must be \(150, 6\)"),
         ((rates, np.full((150, 6), np.nan)), r"`gains\[0\]` is NaN"),
-        ((rates, np.asfortranarray(gains)), "`gains` is not contiguous"),
+        ((rates, gains.swapaxes(1, 2)), "`gains` is not contiguous"),
+        ((rates, gains[:, :5]), r"`gains` has the shape \[150, 5, 6\]; it must be \(150, 6\) or \(150, 6, 6\)"),
     ]:
         with pytest.raises(fuyu.InputError, match=text):
             driven.servo(0.01, *wrong)

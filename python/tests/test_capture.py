@@ -100,6 +100,26 @@ def test_a_closed_latch_holds(latches):
     assert abs(latches.separations()).max(axis=1)[1] > 1e-4
 
 
+# Would fail if the drives of a pair that is joined were not sampled in each step, or took the rates of another.
+def test_drives_move_joined_pairs_as_steps_do(latches, random):
+    rates, gains = random.uniform(-0.1, 0.1, (5, 6)), random.uniform(1, 9, (5, 6))
+    start = latches.robots.data.copy(), latches.targets.data.copy()
+    moved = []
+    for drive in [True, False]:
+        latches.open(range(5))
+        latches.robots.data[:], latches.targets.data[:] = start
+        latches.close([0, 3], distance=1e-9, angle=1e-9)
+        if drive:
+            latches.servo(0.01, rates, gains, steps=20)
+        else:
+            for _ in range(20):
+                latches.step(0.01, (rates - latches.robots.qd) * gains)
+        moved.append((latches.robots.data.copy(), latches.targets.data.copy()))
+    for driven, stepped in zip(*moved):
+        assert driven == pytest.approx(stepped, rel=1e-12, abs=1e-12)
+    assert (abs(moved[0][0] - start[0]).max(axis=1) > 1e-3).all()
+
+
 def test_wrong_input_of_latches_is_refused(latches, servicer):
     client = latches.targets.model
     few = fuyu.Batch(client, 4)

@@ -87,14 +87,10 @@ class Capture(Task):
 
     def move_bodies(self, rates: np.ndarray) -> None:
         # The inertia of the free-floating robot decouples the joints: each follows its rate in any posture.
-        qd = self.data[:, self.columns["qd"]]
         inertia = self.model.reduced_inertia(self.data[:, self.columns["q"]])
         gains = self.BANDWIDTH * self.scale[:, :, None] * inertia
-        for _ in range(self.substeps):
-            # The drives' own loop: every step of the integration.
-            efforts = np.matmul(gains, (rates - qd)[:, :, None])[:, :, 0]
-            for rows, latches in self.latches:
-                latches.step(TIME_STEP, efforts[rows])
+        for rows, latches in self.latches:
+            latches.servo(TIME_STEP, rates[rows], gains[rows], steps=self.substeps)
 
     def advance(self, actions: np.ndarray) -> None:
         super().advance(actions)
