@@ -1,10 +1,11 @@
-"""Vectorised environments of the servicer: fuyu against Gymnasium's MuJoCo environments and mujoco.rollout, in one run.
+"""Vectorised environments of the servicer: fuyu against Gymnasium's MuJoCo environments, mujoco.rollout and MuJoCo Warp on the CPU, in one run.
 
 All simulate the same robot, a free base with six joints, with RK4 and steps of 10 ms, without contacts. The programs alternate, and the ratios
 are those of neighbours in time: medians of `--rounds` of them. MuJoCo computes more in a step than accelerations
-(sensors, constraints); the plant has none.
+(sensors, constraints); the plant has none. MuJoCo Warp computes in single precision, and on a CPU on one processor; its kernels are
+compiled first, which takes minutes. Without the package it is left out.
 
-    pip install "./python[gym]" mujoco
+    pip install "./python[gym]" mujoco mujoco-warp
     python python/benches/vector_env.py
 """
 
@@ -23,6 +24,14 @@ import numpy as np
 
 import fuyu
 import fuyu.gym
+
+try:
+    import warp
+
+    warp.config.log_level = warp.LOG_WARNING
+    import mujoco_warp
+except ImportError:
+    mujoco_warp = None
 
 DT = 0.01
 
@@ -117,6 +126,25 @@ class MujocoServicer(gymnasium.Env):
         return self._observe(), -float(np.linalg.norm(self.data.xpos[self.tip])), False, False, {}
 
 
+class WarpServicers:
+    """Many servicers on MuJoCo Warp on the CPU, under efforts that are held."""
+
+    def __init__(self, model: mujoco.MjModel, efforts: np.ndarray) -> None:
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        with warp.ScopedDevice("cpu"):
+            self.model = mujoco_warp.put_model(model)
+            self.data = mujoco_warp.put_data(model, data, nworld=len(efforts))
+            warp.copy(self.data.ctrl, warp.array(efforts.astype(np.float32), dtype=warp.float32))
+
+    def step(self) -> np.ndarray:
+        """One step of all; returns their positions."""
+        with warp.ScopedDevice("cpu"):
+            mujoco_warp.step(self.model, self.data)
+            warp.synchronize()
+            return self.data.qpos.numpy()
+
+
 def timed(run, states: int) -> float:
     """Steps per second of all states together."""
     start = time.perf_counter()
@@ -162,11 +190,25 @@ def main() -> None:
         "fuyu.Batch, 10 steps a call": (lambda: batch.step(DT, actions, steps=10), 10 * m),
         "fuyu.gym, 1 step an action": (many(lambda: single.step(actions), 10), 10 * m),
         "fuyu.gym, 10 steps an action": (many(lambda: envs.step(actions), 2), 20 * m),
+        "fuyu.gym, Capture, 10 steps an action": (many(lambda: captures.step(actions), 2), 20 * m),
         "mujoco.rollout, all processors": (lambda: roll.rollout(model, threads, starts, controls), steps * m),
         f"Gymnasium, {few} MuJoCo environments": (many(lambda: peers.step(actions[:few]), 100), 100 * few),
     }
     single = fuyu.gym.ReachVectorEnv(m, episode_steps=10**9, substeps=1)
     single.reset(seed=1)
+    captures = fuyu.gym.CaptureVectorEnv(m, episode_steps=10**9)
+    captures.reset(seed=1)
+    if mujoco_warp is None:
+        print("MuJoCo Warp is not installed: left out")
+    else:
+        print("MuJoCo Warp compiles its kernels", flush=True)
+        warps = WarpServicers(model, actions)
+        moved, one = warps.step()[m - 1], mujoco.MjData(model)
+        one.ctrl[:] = actions[m - 1]
+        mujoco.mj_step(model, one)
+        if abs(moved - one.qpos).max() > 1e-5:
+            raise SystemExit("MuJoCo Warp moves otherwise than MuJoCo")
+        programs["MuJoCo Warp, one processor"] = (warps.step, m)
     found: dict[str, list[float]] = {name: [] for name in programs}
     for _ in range(given.rounds + 1):
         for name, (run, states) in programs.items():
@@ -174,8 +216,9 @@ def main() -> None:
     # The first round warms up.
     found = {name: rates[1:] for name, rates in found.items()}
     peers_names = [name for name in found if not name.startswith("fuyu")]
+    print(f"medians of {given.rounds} rounds, load {os.getloadavg()[0]:.1f}")
     for name, rates in found.items():
-        line = f"{name:36} {statistics.median(rates):12,.0f} steps/s"
+        line = f"{name:38} {statistics.median(rates):12,.0f} steps/s"
         if name.startswith("fuyu"):
             for peer in peers_names:
                 ratios = [a / b for a, b in zip(rates, found[peer])]

@@ -1,6 +1,8 @@
 //! `Batch`.
 
 use fuyu::dynamics::{EffortRows, IntegrationMethod, StateRow, Workspace};
+use fuyu::model::{Frame, Model as Robot};
+use fuyu::spatial::{Pose, Twist};
 use numpy::{
     PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods,
 };
@@ -8,6 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice};
 use rayon::prelude::*;
 
+use crate::drives::Drives;
 use crate::error::{choose, finite, input, run, same_robot};
 use crate::model::{Model, find_frame};
 use crate::state::State;
@@ -26,11 +29,37 @@ pub struct Batch {
     model: Model,
     method: String,
     batch: fuyu::dynamics::Batch,
+    /// For `servo`: states that stay in a processor's cache from step to step.
+    groups: Vec<fuyu::dynamics::Batch>,
     data: Py<PyArray2<f64>>,
 }
 
+/// States of a group.
+const GROUP: usize = 64;
+
 impl Batch {
-    fn layout(&self) -> StateRow {
+    /// The robot.
+    pub fn robot(&self) -> &Robot {
+        &self.model.robot
+    }
+
+    /// Its integration method.
+    pub fn kind(&self) -> PyResult<IntegrationMethod> {
+        choose("method", &IntegrationMethod::NAMES, &self.method)
+    }
+
+    /// Number of states.
+    pub fn count(&self) -> usize {
+        self.batch.len()
+    }
+
+    /// All states, a row each.
+    pub fn rows<'py>(&self, py: Python<'py>) -> &Bound<'py, PyArray2<f64>> {
+        self.data.bind(py)
+    }
+
+    /// What a row holds.
+    pub fn layout(&self) -> StateRow {
         StateRow::new(self.model.robot.dof())
     }
 
@@ -81,6 +110,7 @@ impl Batch {
             batch: fuyu::dynamics::Batch::new(&model.robot, kind, count),
             model: model.clone(),
             method: method.to_owned(),
+            groups: Vec::new(),
             data: data.unbind(),
         })
     }
@@ -163,7 +193,7 @@ impl Batch {
     /// `efforts` must be a contiguous array of float64, which is read where it is. The interpreter's lock is released. If a state is
     /// not finite before the step, or a motion diverges in it, an error names the first; in the first case nothing has changed.
     #[pyo3(signature = (dt, efforts = None, *, steps = 1))]
-    fn step(
+    pub fn step(
         &mut self,
         py: Python<'_>,
         dt: f64,
@@ -182,12 +212,60 @@ impl Batch {
             batch.step_rows(rows, efforts, dt, steps)?;
             Ok(layout.check(rows, 0).err())
         });
-        match diverged.map_err(|e: fuyu::dynamics::RowError| input(e))? {
-            None => Ok(()),
-            Some(problem) => Err(run(format!(
-                "after {steps} steps of {dt} s the motion has diverged: {problem}"
-            ))),
+        let diverged = diverged.map_err(|e: fuyu::dynamics::RowError| input(e))?;
+        diverged.map_or(Ok(()), |problem| Err(has_diverged(dt, steps, problem)))
+    }
+
+    /// Advances all states in place by `steps` steps of `dt` [s] under drives that damp the joints to `rates` [rad/s or m/s], shape (m, n):
+    /// in each step the efforts are `gains * (rates - qd)` of its first state, held as by `step`. `gains` [N m s or N s/m] has the shape
+    /// (m, n), or (m, n, n): a matrix for each state. Both are read where they are. The result is that of as many calls of
+    /// `step`, in less time.
+    #[pyo3(signature = (dt, rates, gains, *, steps = 1))]
+    pub fn servo(
+        &mut self,
+        py: Python<'_>,
+        dt: f64,
+        rates: &Bound<'_, PyAny>,
+        gains: &Bound<'_, PyAny>,
+        steps: usize,
+    ) -> PyResult<()> {
+        let dt = finite("dt", dt)?;
+        let (layout, dof, count) = (self.layout(), self.model.robot.dof(), self.batch.len());
+        let kind = self.kind()?;
+        let (rates, gains) = (strict("rates", rates)?, strict("gains", gains)?);
+        let drives = Drives::new(&rates, &gains, count, dof)?;
+        let data = self.data.bind(py);
+        let mut writable = data.try_readwrite().map_err(in_use)?;
+        let rows = writable.as_slice_mut()?;
+        layout.check(rows, 0).map_err(input)?;
+        if self.groups.is_empty() {
+            let sizes = (0..count).step_by(GROUP).map(|k| GROUP.min(count - k));
+            let group = |size| fuyu::dynamics::Batch::new(&self.model.robot, kind, size);
+            self.groups = sizes.map(group).collect();
         }
+        let groups = &mut self.groups;
+        let diverged = py.detach(|| {
+            let pieces = rows.par_chunks_mut(GROUP * layout.len());
+            let pieces = groups.par_iter_mut().zip(pieces).enumerate();
+            pieces.for_each(|(k, (group, rows))| {
+                let mut efforts = vec![0.0; group.len() * dof];
+                for _ in 0..steps {
+                    let states = rows.chunks_exact(layout.len());
+                    for (i, (row, efforts)) in
+                        states.zip(efforts.chunks_exact_mut(dof.max(1))).enumerate()
+                    {
+                        drives.efforts(k * GROUP + i, &row[dof + 1..=2 * dof], efforts);
+                    }
+                    // A motion that has diverged is found below.
+                    let stepped = group.step_rows(rows, EffortRows::Each(&efforts), dt, 1);
+                    if stepped.is_err() {
+                        return;
+                    }
+                }
+            });
+            layout.check(rows, 0).err()
+        });
+        diverged.map_or(Ok(()), |problem| Err(has_diverged(dt, steps, problem)))
     }
 
     /// Joint accelerations, shape (m, n) [rad/s2 or m/s2], under `efforts` as in `step`. `out` receives them if given.
@@ -223,38 +301,8 @@ impl Batch {
         frame: Option<&str>,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let robot = &self.model.robot;
-        let frame = find_frame(robot, frame)?;
-        let layout = self.layout();
-        let out = output(py, out, &[self.batch.len(), 13])?;
-        {
-            let data = self.data.bind(py);
-            let readable = data.try_readonly().map_err(in_use)?;
-            let rows = readable.as_slice()?;
-            let mut writable = out.try_readwrite().map_err(in_use)?;
-            let results = writable.as_slice_mut()?;
-            let checked = py.detach(|| {
-                layout.check(rows, 0)?;
-                let start = || (Workspace::new(robot), fuyu::dynamics::State::at_rest(robot));
-                let rows = rows.par_chunks(layout.len()).with_min_len(64);
-                let pairs = results.par_chunks_mut(13).zip(rows);
-                pairs.for_each_init(start, |(workspace, state), (out, row)| {
-                    layout.read(row, state);
-                    workspace.set_positions(&state.q);
-                    workspace.set_motion(state);
-                    let X_WF = state.X_WB(workspace) * workspace.X_BF(&frame);
-                    let twist = workspace.V_WF_B(&frame);
-                    let turn = nalgebra::UnitQuaternion::from_rotation_matrix(&X_WF.rotation);
-                    out[..3].copy_from_slice(X_WF.translation.vector.as_slice());
-                    out[3..7].copy_from_slice(turn.coords.as_slice());
-                    out[7..10].copy_from_slice((state.R_WB * twist.linear).as_slice());
-                    out[10..].copy_from_slice((state.R_WB * twist.angular).as_slice());
-                });
-                Ok(())
-            });
-            checked.map_err(|e: fuyu::dynamics::RowError| input(e))?;
-        }
-        Ok(out)
+        let frame = find_frame(&self.model.robot, frame)?;
+        self.write_frame_states(py, &frame, out)
     }
 
     /// State `index`, as a copy.
@@ -308,6 +356,42 @@ impl Batch {
 }
 
 impl Batch {
+    /// Poses and velocities of `frame` as `frame_states` gives them.
+    pub fn write_frame_states<'py>(
+        &self,
+        py: Python<'py>,
+        frame: &Frame,
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let robot = &self.model.robot;
+        let layout = self.layout();
+        let out = output(py, out, &[self.batch.len(), 13])?;
+        {
+            let data = self.data.bind(py);
+            let readable = data.try_readonly().map_err(in_use)?;
+            let rows = readable.as_slice()?;
+            let mut writable = out.try_readwrite().map_err(in_use)?;
+            let results = writable.as_slice_mut()?;
+            let checked = py.detach(|| {
+                layout.check(rows, 0)?;
+                let rows = rows.par_chunks(layout.len()).with_min_len(64);
+                let pairs = results.par_chunks_mut(13).zip(rows);
+                let start = || RowReader::new(robot);
+                pairs.for_each_init(start, |reader, (out, row)| {
+                    let (X_WF, V_WF) = reader.frame_state(row, frame);
+                    let turn = nalgebra::UnitQuaternion::from_rotation_matrix(&X_WF.rotation);
+                    out[..3].copy_from_slice(X_WF.translation.vector.as_slice());
+                    out[3..7].copy_from_slice(turn.coords.as_slice());
+                    out[7..10].copy_from_slice(V_WF.linear.as_slice());
+                    out[10..].copy_from_slice(V_WF.angular.as_slice());
+                });
+                Ok(())
+            });
+            checked.map_err(|e: fuyu::dynamics::RowError| input(e))?;
+        }
+        Ok(out)
+    }
+
     fn check_index(&self, index: usize) -> PyResult<()> {
         match index < self.batch.len() {
             true => Ok(()),
@@ -319,7 +403,51 @@ impl Batch {
     }
 }
 
-fn in_use(problem: impl std::fmt::Display) -> PyErr {
+/// The error of a motion that is not finite any more.
+pub fn has_diverged(dt: f64, steps: usize, problem: fuyu::dynamics::RowError) -> PyErr {
+    run(format!(
+        "after {steps} steps of {dt} s the motion has diverged: {problem}"
+    ))
+}
+
+/// Scratch memory to look at rows of one robot.
+pub struct RowReader {
+    layout: StateRow,
+    workspace: Workspace,
+    state: fuyu::dynamics::State,
+}
+
+impl RowReader {
+    pub fn new(robot: &Robot) -> Self {
+        Self {
+            layout: StateRow::new(robot.dof()),
+            workspace: Workspace::new(robot),
+            state: fuyu::dynamics::State::at_rest(robot),
+        }
+    }
+
+    /// Pose of a frame in the world, and its twist, about its origin in world axes, in the state of a checked row.
+    pub fn frame_state(&mut self, row: &[f64], frame: &Frame) -> (Pose, Twist) {
+        let Self {
+            layout,
+            workspace,
+            state,
+        } = self;
+        layout.read(row, state);
+        workspace.set_positions(&state.q);
+        workspace.set_motion(state);
+        let X_WF = state.X_WB(workspace) * workspace.X_BF(frame);
+        let V_WF_B = workspace.V_WF_B(frame);
+        let in_world = |v: nalgebra::Vector3<f64>| state.R_WB * v;
+        (
+            X_WF,
+            Twist::new(in_world(V_WF_B.angular), in_world(V_WF_B.linear)),
+        )
+    }
+}
+
+/// The error of an array that another thread uses.
+pub fn in_use(problem: impl std::fmt::Display) -> PyErr {
     pyo3::exceptions::PyRuntimeError::new_err(format!(
         "the array is in use by another thread: {problem}"
     ))
@@ -350,7 +478,10 @@ fn own_memory<'py>(
 }
 
 /// An array of float64 that is read where it is.
-fn strict<'py>(name: &str, given: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
+pub fn strict<'py>(
+    name: &str,
+    given: &Bound<'py, PyAny>,
+) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
     let array = untyped(name, given)?;
     let array = given
         .cast::<PyArrayDyn<f64>>()
@@ -377,7 +508,8 @@ fn wrong_type(name: &str, array: &Bound<'_, PyUntypedArray>) -> PyErr {
     ))
 }
 
-fn not_contiguous(name: &str) -> PyErr {
+/// The error of an array that is not read where it is.
+pub fn not_contiguous(name: &str) -> PyErr {
     input(format!(
         "`{name}` is not contiguous; give a C-contiguous array, such as numpy.ascontiguousarray({name})"
     ))
@@ -406,7 +538,7 @@ fn effort_rows<'a>(
 }
 
 /// The caller's array, or a new one.
-fn output<'py>(
+pub fn output<'py>(
     py: Python<'py>,
     given: Option<&Bound<'py, PyAny>>,
     shape: &[usize],

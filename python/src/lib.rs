@@ -5,9 +5,11 @@ mod bag;
 mod batch;
 mod campaign;
 mod controller;
+mod drives;
 mod error;
 mod estimate;
 mod integrator;
+mod latches;
 mod model;
 mod poses;
 mod scenario;
@@ -31,6 +33,8 @@ mod _fuyu {
     use super::estimate::{MotionEstimate, estimate, estimate_rates};
     #[pymodule_export]
     use super::integrator::Integrator;
+    #[pymodule_export]
+    use super::latches::Latches;
     #[pymodule_export]
     use super::model::Model;
     #[pymodule_export]

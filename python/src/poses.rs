@@ -16,12 +16,19 @@ pub type PoseArrays<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>
 
 /// A rotation from its quaternion; `None` is no rotation.
 pub fn rotation(name: &str, given: Option<&Given<'_>>) -> PyResult<UnitQuaternion<f64>> {
-    let [x, y, z, w] = numbers(name, given, [0.0, 0.0, 0.0, 1.0])?;
+    unit_quaternion(
+        &format!("`{name}`"),
+        numbers(name, given, [0.0, 0.0, 0.0, 1.0])?,
+    )
+}
+
+/// The rotation of a quaternion x, y, z, w.
+pub fn unit_quaternion(name: &str, [x, y, z, w]: [f64; 4]) -> PyResult<UnitQuaternion<f64>> {
     let quaternion = Quaternion::new(w, x, y, z);
     let norm = quaternion.norm();
     if (norm - 1.0).abs() > NORM_TOLERANCE {
         return Err(input(format!(
-            "`{name}` has the norm {norm}; a rotation is a quaternion x, y, z, w of norm 1"
+            "{name} has the norm {norm}; a rotation is a quaternion x, y, z, w of norm 1"
         )));
     }
     Ok(UnitQuaternion::new_normalize(quaternion))

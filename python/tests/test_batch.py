@@ -188,3 +188,34 @@ def test_batches_in_threads_give_the_bits_of_one_thread(servicer, random):
     [t.start() for t in threads]
     [t.join() for t in threads]
     assert all(np.array_equal(a, b) for a, b in zip(alone, found))
+
+
+# More states than a group of 64. Would fail if a group took the rates of another, or the efforts were not those of each step.
+def test_drives_are_as_many_steps_under_their_efforts(servicer, random):
+    driven, stepped = fuyu.Batch(servicer, 150, method="rk4"), fuyu.Batch(servicer, 150, method="rk4")
+    driven.q[:] = stepped.q[:] = random.uniform(-2, 2, (150, 6))
+    rates, gains = random.uniform(-0.1, 0.1, (150, 6)), random.uniform(1, 9, (150, 6))
+    driven.servo(0.01, rates, gains, steps=7)
+    for _ in range(7):
+        stepped.step(0.01, (rates - stepped.qd) * gains)
+    assert np.array_equal(driven.data, stepped.data) and (driven.time > 0.069).all()
+    # Gains that couple the joints; sums may round differently.
+    gains = random.uniform(-1, 1, (150, 6, 6)) + 8.0 * np.eye(6)
+    driven.servo(0.01, rates, gains, steps=4)
+    for _ in range(4):
+        stepped.step(0.01, np.einsum("ijk,ik->ij", gains, rates - stepped.qd))
+    assert driven.data == pytest.approx(stepped.data, rel=1e-12, abs=1e-12)
+    before = driven.data.copy()
+    for wrong, text in [
+        ((rates[:9], gains), r"`rates` has the shape \[9, 6\]; it must be \(150, 6\)"),
+        ((rates, np.full((150, 6), np.nan)), r"`gains\[0\]` is NaN"),
+        ((rates, gains.swapaxes(1, 2)), "`gains` is not contiguous"),
+        ((rates, gains[:, :5]), r"`gains` has the shape \[150, 5, 6\]; it must be \(150, 6\) or \(150, 6, 6\)"),
+    ]:
+        with pytest.raises(fuyu.InputError, match=text):
+            driven.servo(0.01, *wrong)
+    assert np.array_equal(driven.data, before)
+    # States that diverge are named by their own numbers.
+    driven.qd[100] = 1e200
+    with pytest.raises(fuyu.RunError, match="diverged: state 100"):
+        driven.servo(0.01, rates, gains, steps=3)

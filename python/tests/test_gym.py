@@ -20,7 +20,7 @@ EVERYTHING = {
 }
 
 
-@pytest.mark.parametrize("name", ["fuyu/Reach-v0", "fuyu/Track-v0"])
+@pytest.mark.parametrize("name", ["fuyu/Reach-v0", "fuyu/Track-v0", "fuyu/Capture-v0"])
 @pytest.mark.parametrize("randomization", [None, EVERYTHING])
 @pytest.mark.filterwarnings("error::UserWarning:gymnasium")
 def test_gymnasium_accepts_the_environments(name, randomization):
@@ -38,7 +38,7 @@ def rollout(envs, seed, steps=25):
     return seen
 
 
-@pytest.mark.parametrize("name", ["fuyu/Reach-v0", "fuyu/Track-v0"])
+@pytest.mark.parametrize("name", ["fuyu/Reach-v0", "fuyu/Track-v0", "fuyu/Capture-v0"])
 @pytest.mark.parametrize("randomization", [None, EVERYTHING])
 def test_a_seed_determines_everything(name, randomization):
     make = lambda: gymnasium.make_vec(name, 12, "vector_entry_point", randomization=randomization, episode_steps=10)  # noqa: E731
@@ -52,13 +52,13 @@ def test_a_seed_determines_everything(name, randomization):
 
 
 # One environment of many moves as alone: its first episode, from the same state.
-@pytest.mark.parametrize("kind", ["Reach", "Track"])
+@pytest.mark.parametrize("kind", ["Reach", "Track", "Capture"])
 def test_many_environments_move_as_one(kind):
     many = getattr(fuyu.gym, f"{kind}VectorEnv")(5)
     one = getattr(fuyu.gym, f"{kind}Env")()
     many.reset(seed=1)
     one.reset(seed=2)
-    for name in ["data", "goal", "goal_velocity", "axis", "arm", "drift", "start", "spin"]:
+    for name in ["data", "goal", "goal_velocity", "axis", "arm", "drift", "start", "spin", "targets"]:
         if hasattr(one.task, name):
             getattr(one.task, name)[:] = getattr(many.task, name)[3:4]
     random = np.random.default_rng(3)

@@ -41,7 +41,7 @@ def test_the_stubs_describe_everything():
     names = {name.split(".")[0] for name, _ in described()} | {"InputError", "RunError", "__version__"}
     assert names == {name for name in vars(_fuyu) if not name.startswith("__") or name == "__version__"} - {"_fuyu"}
     known = {name for name, _ in described()}
-    for kind in [fuyu.Model, fuyu.State, fuyu.Integrator, fuyu.Batch, fuyu.Controller, fuyu.Scenario, fuyu.MotionEstimate]:
+    for kind in [fuyu.Model, fuyu.State, fuyu.Integrator, fuyu.Batch, fuyu.Latches, fuyu.Controller, fuyu.Scenario, fuyu.MotionEstimate]:
         public = {f"{kind.__name__}.{name}" for name in vars(kind) if not name.startswith("_")}
         assert public <= known
 

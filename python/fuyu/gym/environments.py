@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from .._fuyu import InputError
+from .capture import Capture
 from .tasks import SUBSTEPS, TIME_STEP, Reach, Task, Track
 
 
@@ -49,12 +50,13 @@ class _OneEnv(gymnasium.Env):
         actions = _actions(action, (1, self.task.model.dof))
         self.task.advance(actions)
         reward = float(self.task.rewards(actions)[0])
-        is_over = bool(self.task.steps[0] >= self.task.episode_steps)
-        return self.task.observe(self.np_random)[0], reward, False, is_over, self._info()
+        terminated = bool(self.task.terminated[0])
+        truncated = not terminated and bool(self.task.steps[0] >= self.task.episode_steps)
+        return self.task.observe(self.np_random)[0], reward, terminated, truncated, self._info()
 
     def _info(self) -> dict[str, Any]:
-        distance = float(self.task.distance[0])
-        return {"distance": distance, "is_success": distance < self.task.success_distance}
+        rows = {name: values[0] for name, values in self.task.infos().items()}
+        return {name: row.item() if np.ndim(row) == 0 else row for name, row in rows.items()}
 
 
 class _ManyEnvs(VectorEnv):
@@ -97,7 +99,9 @@ class _ManyEnvs(VectorEnv):
         if self.autoreset_mode == AutoresetMode.NEXT_STEP and before.any():
             self.task.reset(np.flatnonzero(before), self.np_random)
             rewards[before] = 0.0
-        over = self.task.steps >= self.task.episode_steps
+        terminated = self.task.terminated.copy()
+        truncated = ~terminated & (self.task.steps >= self.task.episode_steps)
+        over = terminated | truncated
         self._over = over
         observations, infos = self.task.observe(self.np_random), self._infos()
         if self.autoreset_mode == AutoresetMode.SAME_STEP and over.any():
@@ -109,13 +113,11 @@ class _ManyEnvs(VectorEnv):
             self.task.reset(which, self.np_random)
             observations = self.task.observe(self.np_random)
             infos |= self._infos()
-        return observations, rewards, np.zeros(self.num_envs, dtype=bool), over, infos
+        return observations, rewards, terminated, truncated, infos
 
     def _infos(self) -> dict[str, Any]:
-        distance = self.task.distance.copy()
-        every = np.ones(self.num_envs, dtype=bool)
-        success = distance < self.task.success_distance
-        return {"distance": distance, "_distance": every, "is_success": success, "_is_success": every}
+        infos = self.task.infos()
+        return infos | {f"_{name}": np.ones(self.num_envs, dtype=bool) for name in infos}
 
 
 class ReachEnv(_OneEnv):
@@ -141,6 +143,30 @@ class TrackEnv(_OneEnv):
     task_type = Track
 
 
+class CaptureEnv(_OneEnv):
+    """The tip of a free-floating servicer latches on to a grasp frame of a free body that tumbles and drifts.
+
+    Actions are those of `ReachEnv`, but the drives know the robot's inertia: each joint follows its rate with a time constant of 0.1 s. After
+    each action the latch closes if the grasp frame is within `success_distance` [m] and `success_angle` [rad] of the tip, and moves
+    against it with no more than `success_speed` [m/s] and `success_rate` [rad/s]: an impulse joins both bodies by a weld, in which the
+    joints turn freely, and the episode terminates. `target` is the body's description, `grasp_position` [m] and
+    `grasp_orientation` (x, y, z, w) are those of the grasp frame in its root link, by default a post of the client satellite.
+
+    Observation, shape (2 n + 18,): joint positions from the middle posture [rad], joint rates / max_rate, then vectors in base axes: from
+    tip to grasp frame [m], velocity of the tip against the grasp frame [m/s], velocity of the grasp frame [m/s], rotation vector that
+    turns the tip's axes to those of the grasp frame [rad], angular velocity of the tip against the body [rad/s], angular velocity of
+    the body [rad/s].
+
+    Reward: minus the distance [m], minus 0.2 times the angle [rad], less a little for large actions; for the capture 10, less the size of
+    its linear impulse [N s]. `randomization` is a `CaptureRandomization` or a dict of its fields. `info` has `distance` [m], `angle`
+    [rad], `speed` [m/s], `rate` [rad/s], `is_success`, `latch` ("closed", or the first limit that keeps it open: "distance", "angle",
+    "speed", "rate"), `impulse`, shape (6,): force and torque impulse on the tip in world axes [N s, N m s], and `energy_lost` [J],
+    both zero before the capture.
+    """
+
+    task_type = Capture
+
+
 class ReachVectorEnv(_ManyEnvs):
     """Many of `ReachEnv`, stepped together on all processors.
 
@@ -154,3 +180,9 @@ class TrackVectorEnv(_ManyEnvs):
     """Many of `TrackEnv`, stepped together on all processors."""
 
     task_type = Track
+
+
+class CaptureVectorEnv(_ManyEnvs):
+    """Many of `CaptureEnv`, stepped together on all processors. Without automatic resets robot and body go on as one."""
+
+    task_type = Capture

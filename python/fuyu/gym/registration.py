@@ -6,8 +6,8 @@ MODULE = "fuyu.gym.environments"
 
 
 def register() -> None:
-    """Makes `fuyu/Reach-v0` and `fuyu/Track-v0` known to `gymnasium.make` and `gymnasium.make_vec`."""
-    for task in ["Reach", "Track"]:
+    """Makes `fuyu/Reach-v0`, `fuyu/Track-v0` and `fuyu/Capture-v0` known to `gymnasium.make` and `gymnasium.make_vec`."""
+    for task in ["Reach", "Track", "Capture"]:
         name = f"fuyu/{task}-v0"
         if name not in gymnasium.registry:
             gymnasium.register(

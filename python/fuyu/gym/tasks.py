@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 
 import numpy as np
@@ -48,9 +49,25 @@ class Randomization:
         return cls(**(given or {}))
 
 
-def _scaled(urdf: str, factors: np.ndarray) -> str:
-    """The description with mass and inertia of each link times a factor."""
-    robot = ElementTree.fromstring(urdf)
+def require_positive(name: str, value: float) -> None:
+    """Refuses a setting that is not positive and finite."""
+    if not (np.isfinite(value) and value > 0):
+        raise InputError(f"{name} is {value}; it must be positive and finite")
+
+
+def is_dispersed(scale: Dispersion) -> bool:
+    """Whether a factor is anything but 1."""
+    return isinstance(scale, Mapping) or scale != 1.0
+
+
+def scaled(model: Model, name: str, scale: Dispersion, random: np.random.Generator) -> Model:
+    """The model with mass and inertia of each link times a factor, drawn from `scale`; `name` is what errors call it."""
+    if not is_dispersed(scale):
+        return model
+    factors = disperse(name, scale, random, (len(model.frame_names),))
+    if (factors <= 0).any():
+        raise InputError(f"{name} is {factors.min()}; it must be positive")
+    robot = ElementTree.fromstring(model.urdf)
     links = [link.find("inertial") for link in robot.iter("link")]
     for inertial, factor in zip((i for i in links if i is not None), factors):
         for element, attributes in [
@@ -60,14 +77,16 @@ def _scaled(urdf: str, factors: np.ndarray) -> str:
             for name in attributes:
                 if element is not None and name in element.attrib:
                     element.set(name, repr(float(element.get(name, "0")) * float(factor)))
-    return ElementTree.tostring(robot, encoding="unicode")
+    return Model.from_urdf(ElementTree.tostring(robot, encoding="unicode"), name="randomized robot")
 
 
 class Task:
     """`count` robots. An action is a rate for each joint, as a share of `max_rate`, to which the drives damp the joints every 10 ms."""
 
-    #: Whether the goal moves.
-    moving = False
+    #: Number of further vectors that are observed.
+    FURTHER = 0
+    #: What `randomization` may have.
+    randomization_type: type[Randomization] = Randomization
     #: Observations are within this; no episode comes near.
     LARGEST = 100.0
 
@@ -83,16 +102,15 @@ class Task:
         substeps: int = SUBSTEPS,
         randomization: Randomization | dict | None = None,
     ) -> None:
-        for name, value in [("max_rate", max_rate), ("success_distance", success_distance)]:
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(f"{name} is {value}; it must be positive and finite")
+        require_positive("max_rate", max_rate)
+        require_positive("success_distance", success_distance)
         for name, value in [("num_envs", count), ("episode_steps", episode_steps), ("substeps", substeps)]:
             if value < 1:
                 raise InputError(f"{name} is {value}; it must be at least 1")
         self.count, self.tip, self.substeps = count, tip, substeps
         self.period = TIME_STEP * substeps
         self.max_rate, self.success_distance, self.episode_steps = max_rate, success_distance, episode_steps
-        self.randomization = Randomization.of(randomization)
+        self.randomization = self.randomization_type.of(randomization)
         self.model = Model.from_urdf(urdf)
         n = self.model.dof
         self.posture = POSTURE if n == len(POSTURE) else np.zeros(n)
@@ -106,29 +124,27 @@ class Task:
         self.goal = np.zeros((count, 3))
         self.goal_velocity = np.zeros((count, 3))
         self.scale = np.ones((count, n))
-        self.efforts = np.zeros((count, n))
         self.tips = np.zeros((count, 13))
         self.distance = np.zeros(count)
+        #: Episodes that have come to their end before their time.
+        self.terminated = np.zeros(count, dtype=bool)
         #: Length of an observation.
-        self.size = 2 * n + 6 + (3 if self.moving else 0)
+        self.size = 2 * n + 6 + 3 * self.FURTHER
+
+    def has_many_robots(self) -> bool:
+        """Whether robots differ in mass."""
+        return is_dispersed(self.randomization.mass_scale)
 
     def make_robots(self, random: np.random.Generator) -> None:
         """Draws the robots, which divide the environments among themselves."""
         scale = self.randomization.mass_scale
-        links = len(self.model.frame_names)
-        many = isinstance(scale, dict) or scale != 1.0
-        robots = min(self.randomization.robots, self.count) if many else 1
+        robots = min(self.randomization.robots, self.count) if self.has_many_robots() else 1
         if robots < 1:
             raise InputError(f"randomization: robots is {robots}; it must be at least 1")
         ends = np.linspace(0, self.count, robots + 1).astype(int)
         self.batches = []
         for start, end in zip(ends[:-1], ends[1:]):
-            model = self.model
-            if many:
-                factors = disperse("mass_scale", scale, random, (links,))
-                if (factors <= 0).any():
-                    raise InputError(f"mass_scale is {factors.min()}; it must be positive")
-                model = Model.from_urdf(_scaled(self.model.urdf, factors), name="randomized robot")
+            model = scaled(self.model, "mass_scale", scale, random)
             rows = slice(int(start), int(end))
             self.batches.append((rows, Batch(model, data=self.data[rows], method="rk4")))
 
@@ -141,8 +157,9 @@ class Task:
         offset = disperse("goal_offset", r.goal_offset, random, (count, n))
         spin = disperse("base_angular_velocity", r.base_angular_velocity, random, (count, 3))
         self.scale[which] = disperse("effort_scale", r.effort_scale, random, (count, n))
-        self.goal[which] = self.model.frame_pose(q + offset, self.tip)[:, :3]
+        poses = self.model.frame_pose(q + offset, self.tip)
         self.steps[which] = 0
+        self.terminated[which] = False
         rows = np.zeros((count, self.data.shape[1]))
         columns = self.columns
         rows[:, columns["q"]] = q
@@ -153,54 +170,61 @@ class Task:
             for index, joints, w in zip(which, q, spin):
                 batch_rows, batch = next(b for b in self.batches if b[0].start <= index < b[0].stop)
                 batch.set_state(index - batch_rows.start, State(batch.model, joints, angular_velocity=w))
-        self.place_goal(which, random)
+        self.place_goal(which, poses, random)
         self.measure()
 
-    def place_goal(self, which: np.ndarray, random: np.random.Generator) -> None:
-        """Draws how the goals of these environments move."""
+    def place_goal(self, which: np.ndarray, poses: np.ndarray, random: np.random.Generator) -> None:
+        """Places the goals of these environments at `poses`, shape (k, 7), and draws how they move."""
+        self.goal[which] = poses[:, :3]
 
     def move_goal(self) -> None:
         """Moves all goals to the present time."""
 
     def advance(self, actions: np.ndarray) -> None:
         """One action of all environments."""
-        qd = self.data[:, self.columns["qd"]]
-        rates = np.clip(actions, -1.0, 1.0) * self.max_rate
-        gains = self.k_v * self.scale
-        for _ in range(self.substeps):
-            # The drives' own loop: every step of the integration.
-            np.subtract(rates, qd, out=self.efforts)
-            self.efforts *= gains
-            for rows, batch in self.batches:
-                batch.step(TIME_STEP, self.efforts[rows])
+        self.move_bodies(np.clip(actions, -1.0, 1.0) * self.max_rate)
         self.steps += 1
         self.move_goal()
         self.measure()
 
+    def move_bodies(self, rates: np.ndarray) -> None:
+        """Moves all bodies while the drives follow these rates, shape (count, n)."""
+        gains = self.k_v * self.scale
+        for rows, batch in self.batches:
+            batch.servo(TIME_STEP, rates[rows], gains[rows], steps=self.substeps)
+
     def measure(self) -> None:
-        """Tips and distances from the goals."""
+        """Tips, and their distances and velocities against the goals."""
         for rows, batch in self.batches:
             batch.frame_states(self.tip, out=self.tips[rows])
         self.error = self.goal - self.tips[:, :3]
+        self.velocity = self.tips[:, 7:10] - self.goal_velocity
         self.distance = np.sqrt(np.einsum("ij,ij->i", self.error, self.error))
 
     def observe(self, random: np.random.Generator) -> np.ndarray:
-        """Joint positions [rad] from the posture, joint rates / max_rate, tip to goal in base axes [m], velocity of the tip (against that
-        of the goal, if it moves, and then also that of the goal) in base axes [m/s], shape (count, size), float32."""
+        """Joint positions [rad] from the posture, joint rates / max_rate; in base axes tip to goal [m], velocity of the tip against
+        that of the goal [m/s], and the further vectors; shape (count, size), float32."""
         n, columns = self.model.dof, self.columns
         out = np.empty((self.count, self.size), dtype=np.float32)
         out[:, :n] = self.data[:, columns["q"]] - self.posture
         out[:, n : 2 * n] = self.data[:, columns["qd"]] / self.max_rate
         attitude = self.data[:, columns["attitude"]]
         out[:, 2 * n : 2 * n + 3] = _into_base(attitude, self.error)
-        velocity = self.tips[:, 7:10] - self.goal_velocity
-        out[:, 2 * n + 3 : 2 * n + 6] = _into_base(attitude, velocity)
-        if self.moving:
-            out[:, 2 * n + 6 :] = _into_base(attitude, self.goal_velocity)
+        out[:, 2 * n + 3 : 2 * n + 6] = _into_base(attitude, self.velocity)
+        for k, vectors in enumerate(self.further_vectors()):
+            out[:, 2 * n + 6 + 3 * k : 2 * n + 9 + 3 * k] = _into_base(attitude, vectors)
         noise = self.randomization.observation_noise
         if isinstance(noise, dict) or noise != 0.0:
             out += disperse("observation_noise", noise, random, out.shape)
         return np.clip(out, -self.LARGEST, self.LARGEST, out=out)
+
+    def further_vectors(self) -> list[np.ndarray]:
+        """What else is observed in base axes, given in world axes, each of shape (count, 3)."""
+        return []
+
+    def infos(self) -> dict[str, np.ndarray]:
+        """What `info` has, one row per environment."""
+        return {"distance": self.distance.copy(), "is_success": self.distance < self.success_distance}
 
     def rewards(self, actions: np.ndarray) -> np.ndarray:
         """-distance [m], +1 within the success distance, less a little for large actions; shape (count,)."""
@@ -228,11 +252,12 @@ class Reach(Task):
 class Track(Task):
     """The goal is a point on a body that spins about a principal axis (a torque-free motion) while its centre drifts."""
 
-    moving = True
+    FURTHER = 1
     #: Largest rate of the body [rad/s], distance of the point from its axis [m], and speed of its centre [m/s].
     SPIN, RADIUS, DRIFT = 0.1, 0.4, 0.02
 
-    def place_goal(self, which: np.ndarray, random: np.random.Generator) -> None:
+    def place_goal(self, which: np.ndarray, poses: np.ndarray, random: np.random.Generator) -> None:
+        super().place_goal(which, poses, random)
         if not hasattr(self, "axis"):
             self.axis, self.arm, self.drift = (np.zeros((self.count, 3)) for _ in range(3))
             self.start, self.spin = np.zeros((self.count, 3)), np.zeros(self.count)
@@ -255,3 +280,6 @@ class Track(Task):
         self.goal = self.start + self.drift * time[:, None] + arm
         turning = np.cos(angle) * across - np.sin(angle) * self.arm
         self.goal_velocity = self.drift + self.spin[:, None] * turning
+
+    def further_vectors(self) -> list[np.ndarray]:
+        return [self.goal_velocity]
