@@ -122,8 +122,9 @@ pub fn refine_with_rounding<const L: usize, const G: usize, M: PoseModel<L, G> +
         let tried = PixelLikelihood::Rounded(rounding);
         let adjust_options = AdjustOptions {
             likelihood: tried,
-            steps: 6,
-            tolerance: 1e-3,
+            // Near the separatrix, six steps and 1e-3 end many deviations away from the least cost.
+            steps: 30,
+            tolerance: 1e-5,
         };
         if adjust(scene, &mut motion, &mut points, &adjust_options).is_none() {
             break;
