@@ -31,9 +31,6 @@ const LINEAR: f64 = 0.12;
 const DRAWS: usize = 60;
 const SEED: u64 = 20;
 
-/// Part of the spread of a few bodies of other shapes that is added in all directions.
-const FEW_DIRECTIONS: f64 = 0.9;
-
 /// Part of a sampled spread that is taken to be in all directions: for a small one, and more per radian of its
 /// deviation, as rotations in different directions mix.
 const ISOTROPIC: f64 = 0.15;
@@ -48,6 +45,11 @@ type StateVector = SVector<f64, STATES>;
 /// The covariance with a share of its trace added in all directions.
 fn widened(covariance: &Matrix3<f64>, share: f64) -> Matrix3<f64> {
     covariance + Matrix3::identity() * (share * covariance.trace() / 3.0)
+}
+
+/// The part of a sampled spread that is taken to be in all directions.
+fn isotropic(spread: &Matrix3<f64>) -> f64 {
+    ISOTROPIC + ISOTROPIC_PER_RADIAN * spread.trace().max(0.0).sqrt().min(1.0)
 }
 
 /// A square root of a covariance, which may be singular.
@@ -190,16 +192,16 @@ impl MotionState {
                 *sum += error * error.transpose() * *weight;
             }
         }
-        // A few bodies show the size of the errors better than their directions.
+        // A few bodies show the size of the errors better than their directions: one of n is the part of one of them.
         let squares: f64 = others
             .motions
             .iter()
             .map(|(weight, _)| weight * weight)
             .sum();
         let weights: f64 = others.motions.iter().map(|(weight, _)| weight).sum();
-        let share = weights * (FEW_DIRECTIONS + squares / (weights * weights).max(1e-12)).min(1.0);
+        let few = squares / (weights * weights).max(1e-12);
         for sum in &mut covariances {
-            *sum = widened(sum, share);
+            *sum = widened(sum, weights * (isotropic(sum) + few).min(1.0));
         }
         for (sum, all) in covariances.iter_mut().zip(of_all) {
             let deviation = sum.trace().max(0.0).sqrt();
@@ -264,8 +266,7 @@ impl MotionState {
         // Samples say nothing about rare errors: a part of the spread is taken to be in all directions.
         let spread = |sum: Matrix3<f64>| {
             let mean = sum / f64::max(count, 1.0);
-            let share = ISOTROPIC + ISOTROPIC_PER_RADIAN * mean.trace().sqrt().min(1.0);
-            widened(&mean, share)
+            widened(&mean, isotropic(&mean))
         };
         (count > 0.0).then(|| sums.into_iter().map(spread).collect())
     }

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::CentreMotion;
 use super::adjust::{AdjustOptions, adjust, reduced_normal};
-use super::free_motion::{FreeMotion, SHAPE_SPREAD};
+use super::free_motion::SHAPE_SPREAD;
 use super::inlier_gate::{INLIER_GATE, gate_and_evaluate};
 use super::intrinsics::INTRINSICS;
 use super::model_fit::{ModelFit, dispersion, refine_with_rounding};
@@ -28,12 +28,6 @@ const AGREEING: f64 = 5.0;
 /// A sphere is kept as the estimate unless another shape lowers the cost by more than this (in units of the noise
 /// variance): half the 95 % point of a chi-squared variable of five degrees of freedom.
 const SHAPE_GAIN: f64 = 5.5;
-
-/// Distance from the separatrix, as [`separatrix_distance`], below which a solution is near it.
-const NEAR_SEPARATRIX: f64 = 0.01;
-
-/// Share of the covariance of least squares that is added there.
-const OF_LEAST_SQUARES: f64 = 0.25;
 
 /// Information that is added to directions which vanish in rounding, relative to that of single unknowns.
 const LEAST_INFORMATION: [f64; 4] = [0.0, 1e-14, 1e-12, 1e-10];
@@ -126,13 +120,7 @@ where
                 && refined.0.trace().is_finite()
         };
         match refined.filter(agrees) {
-            Some(refined) => {
-                found = refined;
-                // Near the separatrix the pixels' bounds alone do not describe the error: the motion bends too much.
-                if separatrix_distance(&fit.motion) < NEAR_SEPARATRIX {
-                    found.0 += first.0 * OF_LEAST_SQUARES;
-                }
-            }
+            Some(refined) => found = refined,
             None => {
                 fit = by_least_squares.clone();
                 rounding = likelihood;
@@ -272,23 +260,6 @@ where
     spread
         .cholesky()
         .map_or(f64::INFINITY, |c| off.dot(&c.solve(&off)).max(0.0).sqrt())
-}
-
-/// Difference of the middle moment from the square of the momentum over twice the energy, relative to the spread of the
-/// moments; zero on the separatrix.
-fn separatrix_distance(model: &Disturbed) -> f64 {
-    let FreeMotion {
-        inertia,
-        momentum,
-        R_WB,
-        ..
-    } = model.motion;
-    let w_W = R_WB * model.motion.w_WB_B(&R_WB);
-    let mut moments = inertia.symmetric_eigenvalues();
-    moments.as_mut_slice().sort_by(f64::total_cmp);
-    let balanced = momentum.norm_squared() / momentum.dot(&w_W);
-    let spread = (moments[2] - moments[0]).max(f64::MIN_POSITIVE);
-    (moments[1] - balanced).abs() / spread
 }
 
 /// Whether the model's scales differ from the nominal ones, as text.

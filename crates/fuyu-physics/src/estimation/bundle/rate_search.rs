@@ -39,9 +39,10 @@ const FOLLOWED: usize = 3;
 /// An adjusted motion with the mean square of its residuals \[px²\].
 type Candidate = (FreeMotion, f64);
 
-/// The motion that explains the tracks, from a search over angular velocities.
-pub fn search_rates(frames: &Frames, settings: &SolverSettings) -> Option<FreeMotion> {
-    let (from, to) = first_window(frames)?;
+/// The motion that explains the tracks, from a search over angular velocities that begins in the window of this rank: a
+/// few points in a second may fit a wrong motion, of which another window is free.
+pub fn search_rates(frames: &Frames, rank: usize, settings: &SolverSettings) -> Option<FreeMotion> {
+    let (from, to) = *first_windows(frames).get(rank)?;
     let window = subset(frames, from, to, FIRST);
     let mut candidates: Vec<Candidate> = Vec::new();
     for (motion, _) in best_of_grid(&window, settings)? {
@@ -66,19 +67,20 @@ pub fn search_rates(frames: &Frames, settings: &SolverSettings) -> Option<FreeMo
     candidates.first().map(|(motion, _)| *motion)
 }
 
-/// Frames whose first and last share a few points and show the largest change.
-fn first_window(frames: &Frames) -> Option<(usize, usize)> {
+/// Windows whose first and last frame share a few points, those with the largest change first.
+fn first_windows(frames: &Frames) -> Vec<(usize, usize)> {
     let count = frames.list.len();
-    let starts = (0..8).map(|k| k * count / 8);
+    let starts = (0..8).rev().map(|k| k * count / 8);
     let windows = starts.filter_map(|from| {
         let shares = |to: &usize| frames.common(from, *to).len() >= SHARED;
         let to = (from + 2..count).take_while(shares).last()?;
         let change = frames.change(from, to, SHARED)?;
         Some((from, to, change))
     });
+    let mut windows: Vec<_> = windows.collect();
     // Rotations of more than a radian or so have hidden points.
-    let best = windows.max_by(|a, b| a.2.min(1.0).total_cmp(&b.2.min(1.0)))?;
-    Some((best.0, best.1))
+    windows.sort_by(|a, b| b.2.min(1.0).total_cmp(&a.2.min(1.0)));
+    windows.iter().map(|w| (w.0, w.1)).collect()
 }
 
 /// Frames `from` to `to`, at most about `most` of them.

@@ -11,8 +11,8 @@ const MAX_DISPLACEMENT: f64 = 6.0;
 /// Splits the tracks that change to another point of the body. The part before the change gets a new, higher track number.
 /// Returns the number of splits.
 ///
-/// At a change the track agrees neither with the next frame nor with the one after it, while these two agree with each
-/// other. A single wrong image point does not show this pattern.
+/// Before a change the track agrees with the frame before; at the change it agrees neither with the next frame nor with
+/// the one after it, while these two agree with each other. A single wrong image point agrees with no other frame.
 pub fn split_reused_tracks(frames: &mut Frames, noise: f64, rng: &mut impl Rng) -> usize {
     let angle = noise * frames.pixel_angle();
     let mut agreeing = |i: usize, j: usize| -> Vec<usize> {
@@ -33,10 +33,10 @@ pub fn split_reused_tracks(frames: &mut Frames, noise: f64, rng: &mut impl Rng) 
     let count = frames.list.len();
     let next: Vec<Vec<usize>> = (0..count - 1).map(|i| agreeing(i, i + 1)).collect();
     let mut splits = Vec::new();
-    for i in 0..count.saturating_sub(2) {
+    for i in 1..count.saturating_sub(2) {
         let suspects: Vec<usize> = (frames.common(i, i + 1).iter())
             .map(|(track, ..)| *track)
-            .filter(|t| !next[i].contains(t) && next[i + 1].contains(t))
+            .filter(|t| next[i - 1].contains(t) && !next[i].contains(t) && next[i + 1].contains(t))
             .collect();
         if suspects.is_empty() {
             continue;
@@ -57,4 +57,49 @@ pub fn split_reused_tracks(frames: &mut Frames, noise: f64, rng: &mut impl Rng) 
         }
     }
     splits.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimation::Tracks;
+    use crate::vision::{Feature, FeatureFrame, Pinhole};
+    use nalgebra::{UnitQuaternion, Vector3};
+    use rand::{RngExt, SeedableRng, rngs::StdRng};
+
+    /// Points on a body that turns by 0.1 rad from frame to frame. From frame 12 on, id 3 is another point; 5 % of the
+    /// image points are anywhere. Without the comparison with the frame before, wrong points count as changes.
+    #[test]
+    fn wrong_image_points_are_no_reused_ids() {
+        let mut rng = StdRng::seed_from_u64(7);
+        let camera = Pinhole::square(1024, 1.0);
+        let place = |k: f64| Vector3::new((2.1 * k).sin(), (1.3 * k).cos(), (3.7 * k).sin()) * 0.8;
+        let frames = (0..24).map(|i| {
+            let R = UnitQuaternion::from_scaled_axis(
+                Vector3::new(0.3, 0.9, 0.2).normalize() * (0.1 * f64::from(i)),
+            );
+            let features = (0..24).map(|id: u32| {
+                let number = if id == 3 && i >= 12 { 40 } else { id };
+                let x = R * place(f64::from(number)) + Vector3::new(0.0, 0.0, 4.0);
+                let wrong = id != 3 && rng.random_bool(0.05);
+                let mut anywhere = || rng.random_range(0.0..1023.0);
+                let (u, v) = match wrong {
+                    true => (anywhere(), anywhere()),
+                    false => (
+                        camera.cx + camera.fx * x.x / x.z,
+                        camera.cy + camera.fy * x.y / x.z,
+                    ),
+                };
+                Feature {
+                    id: u64::from(id),
+                    u,
+                    v,
+                }
+            });
+            FeatureFrame::new(0.1 * f64::from(i), features.collect())
+        });
+        let tracks = Tracks::new(frames).unwrap();
+        let mut frames = Frames::new(&tracks, &camera, 60, |_| UnitQuaternion::identity());
+        assert_eq!(split_reused_tracks(&mut frames, 0.3, &mut rng), 1);
+    }
 }

@@ -114,13 +114,17 @@ pub(super) fn solve(
         b.turn() > UNAMBIGUOUS_TURN || b.residuals.deviation < MOST_AFTER_SHORT_TURN * first
     };
     let initialisations: &[Initialisation] = match shared < MIN_POINTS {
-        true => &[Initialisation::RateSearch],
+        true => &[
+            Initialisation::RateSearch(0),
+            Initialisation::RateSearch(1),
+            Initialisation::RateSearch(2),
+        ],
         false => &[
             Initialisation::Structure,
             Initialisation::OtherSamples(1),
             Initialisation::OtherSamples(2),
             Initialisation::RelativeRotation,
-            Initialisation::RateSearch,
+            Initialisation::RateSearch(0),
         ],
     };
     // Larger residuals than the noise that is white over time are those of another minimum, or of what the model lacks.
@@ -144,7 +148,8 @@ pub(super) fn solve(
     };
     for (initialisation, noise) in initialisations.iter().copied().flat_map(levels) {
         let is_again = matches!(initialisation, Initialisation::OtherSamples(_));
-        if (held && noise > first) || (is_again && !held) {
+        let is_other_window = matches!(initialisation, Initialisation::RateSearch(1..));
+        if ((held || is_other_window) && noise > first) || (is_again && !held) {
             continue;
         }
         if !is_again && best.as_ref().is_some_and(|b| held && fits_noise(b)) {
@@ -270,8 +275,8 @@ fn attempt(
             let motion = relative_rotation_fit(frames, settings.noise, rng)?;
             adjust_globally(frames.clone(), motion, &[], &[], settings)
         }
-        Initialisation::RateSearch => {
-            let motion = search_rates(frames, settings)?;
+        Initialisation::RateSearch(window) => {
+            let motion = search_rates(frames, window, settings)?;
             adjust_globally(frames.clone(), motion, &[], &[], settings)
         }
     }
@@ -284,7 +289,8 @@ enum Initialisation {
     /// The same with other random samples, of this number.
     OtherSamples(u64),
     RelativeRotation,
-    RateSearch,
+    /// A search that begins in the window of this rank.
+    RateSearch(usize),
 }
 
 /// Size at which a segment after the first is accepted without trying further windows of key frames.

@@ -75,12 +75,14 @@ impl Widths {
 }
 
 impl Default for Widths {
-    /// A tracked body in low Earth orbit, before a calibrated camera. Gravity gradient turns a body of moments `A <
-    /// B` by at most `1.5 n² (B - A) / I`, some 1e-6 rad/s² for a body that is as slender as most, and half of it as a mean
-    /// over attitudes; drag and outgassing are of the same order. The relative acceleration of its centre is `3 n²` times the distance.
+    /// A tracked body in low Earth orbit, before a calibrated camera. Gravity gradient turns a body of moments `A < B`
+    /// by at most `1.5 n² (B - A) / I`, some 1e-6 rad/s² for a body that is as slender as most. Its mean over 20 to 60 s is
+    /// less, as the body tumbles: 2.1e-7 rad/s² (root mean square of an axis, random boxes). The rest is for drag and
+    /// outgassing; larger torques are found by their evidence. The relative acceleration of its centre is `3 n²` times
+    /// the distance.
     fn default() -> Self {
         Self {
-            acceleration: 8e-7,
+            acceleration: 3e-7,
             correlation_time: 300.0,
             path: 4e-6,
             gyro_noise: 1e-4,
