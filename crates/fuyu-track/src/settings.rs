@@ -57,7 +57,7 @@ impl Default for Settings {
             window: 15,
             levels: 4,
             backward: 0.5,
-            similarity: 0.85,
+            similarity: 0.95,
             margin: 3,
             target: Target::Bright {
                 threshold: 8,
