@@ -279,7 +279,7 @@ fn the_motion_follows_from_png_files() {
         assert!(run.stderr.contains(reason), "{reason}: {}", run.stderr);
     };
     refused(&["--mask-id", "2"], "must be given by --mask");
-    refused(&["--mask", &gyro], "gyro.csv: The image format");
+    refused(&["--mask", &gyro], "gyro.csv: is not a sound PNG file");
     // Nobody has the id 7.
     refused(&["--mask", &masks, "--mask-id", "7"], "shows no points");
     let one = folder.path().join("one.png");

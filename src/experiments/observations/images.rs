@@ -7,7 +7,7 @@ use crate::{
     nodes::tracker::{Grey, ImageTracker},
 };
 
-use super::{ObservedTracks, Tracking, masks::Masks};
+use super::{ObservedTracks, Tracking, masks::Masks, png};
 
 /// Digits of the shortest file name that is a time in nanoseconds; in 2001 it had 18.
 const NANOSECONDS: usize = 16;
@@ -37,8 +37,7 @@ pub(super) fn read(folder: &Path, tracking: &Tracking) -> Result<ObservedTracks,
     let mut frames = Vec::new();
     for (time, path) in timed(files(folder)?, tracking.frame_rate)? {
         let at = |e: String| format!("{}: {e}", path.display());
-        let decoded = image::open(&path).map_err(|e| at(e.to_string()))?;
-        let luminance = decoded.into_luma8();
+        let luminance = png::read(&path)?.into_luma8();
         let (width, height) = luminance.dimensions();
         let grey =
             Grey::from_values(width as usize, height as usize, luminance.into_raw()).map_err(at)?;

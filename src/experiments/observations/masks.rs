@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use image::DynamicImage;
 
+use super::png;
 use crate::nodes::tracker::Grey;
 
 /// Masks of a sequence of images.
@@ -44,7 +45,7 @@ impl Masks {
 
 fn read(path: &Path, id: Option<u16>) -> Result<Grey, String> {
     let at = |e: String| format!("{}: {e}", path.display());
-    let decoded = image::open(path).map_err(|e| at(e.to_string()))?;
+    let decoded = png::read(path)?;
     let is_target = |value: u16| u8::from(id.map_or(value != 0, |id| value == id));
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
     let values: Vec<u8> = match decoded {

@@ -4,6 +4,7 @@ mod bag;
 mod csv;
 mod images;
 mod masks;
+mod png;
 
 use std::{
     fmt::Write as _,
