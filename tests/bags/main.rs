@@ -5,7 +5,7 @@ mod lateness;
 #[path = "../support/measuring.rs"]
 mod measuring;
 #[path = "../support/peer.rs"]
-#[expect(dead_code, reason = "no rclpy here, only its domains and its Python")]
+#[expect(dead_code, reason = "few of its commands are needed here")]
 mod peer;
 #[path = "../support/python.rs"]
 mod python;

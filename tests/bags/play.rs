@@ -10,6 +10,7 @@ use fuyu::msg::rosgraph_msgs::Clock;
 use fuyu::msg::std_msgs::String as Text;
 use fuyu::msg::{Interface, cdr};
 use fuyu::ros::{DiscoveryRange, Domain, Process, Qos, RosArgs};
+use serde_json::json;
 
 use crate::peer::{DomainClaim, Peer};
 use crate::{
@@ -102,15 +103,13 @@ impl<M> Drop for Listener<M> {
     }
 }
 
-fn signal(process: u32, signal: &str) {
-    let sent = Command::new("kill")
-        .args([signal, &process.to_string()])
-        .status();
+fn signal(process: &str, signal: &str) {
+    let sent = Command::new("kill").args([signal, process]).status();
     assert!(sent.unwrap().success());
 }
 
 fn interrupt(child: &mut Child) {
-    signal(child.id(), "-INT");
+    signal(&child.id().to_string(), "-INT");
     let status = eventually("the end", PATIENCE, || child.try_wait().unwrap());
     assert!(status.success(), "{status}");
 }
@@ -229,17 +228,18 @@ fn the_last_messages_reach_a_subscriber_that_is_late() {
     let domain = 26;
     let mut late = Peer::start("late", domain);
     late.subscribe("/words", "std_msgs/msg/String", "reliable");
+    let process = late.does(json!({"do": "process_id"})).to_string();
     let dir = tempfile::tempdir().unwrap();
     let bag = dir.path().join("bag");
     record(&bag);
     let words = Listener::<Text>::start(domain, "/words", Qos::RELIABLE.depth(500));
     let mut child = player(domain, &bag, &["--delay", "3"]);
     while words.next("a word").data != "190" {}
-    signal(late.id(), "-STOP");
+    signal(&process, "-STOP");
     while words.next("a word").data != "199" {}
     std::thread::sleep(std::time::Duration::from_secs(2));
     assert_eq!(child.try_wait().unwrap(), None, "it has not waited");
-    signal(late.id(), "-CONT");
+    signal(&process, "-CONT");
     let status = eventually("the end", PATIENCE, || child.try_wait().unwrap());
     assert!(status.success());
     late.receive("/words", 200);

@@ -301,6 +301,9 @@ class Peer:
         finally:
             client.destroy()
 
+    def process_id(self):
+        return os.getpid()
+
     def pause(self, seconds):
         """Stops this process for a while; to its peers the network is interrupted."""
         command = f"kill -STOP {os.getpid()}; sleep {seconds}; kill -CONT {os.getpid()}"

@@ -105,11 +105,6 @@ impl Peer {
         peer
     }
 
-    /// Its process identifier.
-    pub fn id(&self) -> u32 {
-        self.child.id()
-    }
-
     /// Executes a command of `peer.py`; panics if it raises.
     pub fn does(&mut self, command: Value) -> Value {
         writeln!(self.stdin, "{command}").expect("the peer runs");
