@@ -29,13 +29,8 @@ pub struct Batch {
     model: Model,
     method: String,
     batch: fuyu::dynamics::Batch,
-    /// For `servo`: states that stay in a processor's cache from step to step.
-    groups: Vec<fuyu::dynamics::Batch>,
     data: Py<PyArray2<f64>>,
 }
-
-/// States of a group.
-const GROUP: usize = 64;
 
 impl Batch {
     /// The robot.
@@ -110,7 +105,6 @@ impl Batch {
             batch: fuyu::dynamics::Batch::new(&model.robot, kind, count),
             model: model.clone(),
             method: method.to_owned(),
-            groups: Vec::new(),
             data: data.unbind(),
         })
     }
@@ -231,40 +225,19 @@ impl Batch {
     ) -> PyResult<()> {
         let dt = finite("dt", dt)?;
         let (layout, dof, count) = (self.layout(), self.model.robot.dof(), self.batch.len());
-        let kind = self.kind()?;
         let (rates, gains) = (strict("rates", rates)?, strict("gains", gains)?);
         let drives = Drives::new(&rates, &gains, count, dof)?;
         let data = self.data.bind(py);
         let mut writable = data.try_readwrite().map_err(in_use)?;
         let rows = writable.as_slice_mut()?;
-        layout.check(rows, 0).map_err(input)?;
-        if self.groups.is_empty() {
-            let sizes = (0..count).step_by(GROUP).map(|k| GROUP.min(count - k));
-            let group = |size| fuyu::dynamics::Batch::new(&self.model.robot, kind, size);
-            self.groups = sizes.map(group).collect();
-        }
-        let groups = &mut self.groups;
+        let batch = &mut self.batch;
         let diverged = py.detach(|| {
-            let pieces = rows.par_chunks_mut(GROUP * layout.len());
-            let pieces = groups.par_iter_mut().zip(pieces).enumerate();
-            pieces.for_each(|(k, (group, rows))| {
-                let mut efforts = vec![0.0; group.len() * dof];
-                for _ in 0..steps {
-                    let states = rows.chunks_exact(layout.len());
-                    for (i, (row, efforts)) in
-                        states.zip(efforts.chunks_exact_mut(dof.max(1))).enumerate()
-                    {
-                        drives.efforts(k * GROUP + i, &row[dof + 1..=2 * dof], efforts);
-                    }
-                    // A motion that has diverged is found below.
-                    let stepped = group.step_rows(rows, EffortRows::Each(&efforts), dt, 1);
-                    if stepped.is_err() {
-                        return;
-                    }
-                }
-            });
-            layout.check(rows, 0).err()
+            batch.step_rows_with(rows, dt, steps, |index, qd, efforts| {
+                drives.efforts(index, qd, efforts);
+            })?;
+            Ok(layout.check(rows, 0).err())
         });
+        let diverged = diverged.map_err(|e: fuyu::dynamics::RowError| input(e))?;
         diverged.map_or(Ok(()), |problem| Err(has_diverged(dt, steps, problem)))
     }
 

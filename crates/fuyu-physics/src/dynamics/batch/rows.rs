@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::block::Block;
-use super::{Batch, Task, hold};
+use super::block::{Block, read};
+use super::{Batch, Piece, Task, hold};
 use crate::dynamics::kernel::GROUP_SIZE;
 use crate::dynamics::state_row::check_efforts;
 use crate::dynamics::{RowError, State, StateRow};
@@ -48,11 +48,69 @@ impl Batch {
         steps: usize,
     ) -> Result<(), RowError> {
         self.take_rows(rows, efforts)?;
-        let layout = StateRow::new(self.model().dof());
-        let row_size = self.piece_size() * GROUP_SIZE * layout.len();
-        let pieces = self.pieces(Task::Step { dt, steps });
-        (pieces.zip(rows.par_chunks_mut(row_size))).for_each(|(mut piece, rows)| {
+        self.advance_rows(rows, Task::Step { dt, steps }, |piece, _| {
             piece.reborrow().run(None);
+        });
+        Ok(())
+    }
+
+    /// As [`Batch::step_rows`], under efforts that are sampled at the start of every step and held in it: `law(index, qd, efforts)`
+    /// receives the number of a state, its joint rates \[rad/s or m/s\], and the efforts \[N m or N\] of the step before, at first those
+    /// that are held, which it may change. They are clamped to the joints' effort limits.
+    ///
+    /// # Errors
+    /// [`RowError`] if a row is not a state; nothing has changed then.
+    ///
+    /// # Panics
+    /// If the length of `rows` does not fit.
+    pub fn step_rows_with(
+        &mut self,
+        rows: &mut [f64],
+        dt: f64,
+        steps: usize,
+        law: impl Fn(usize, &[f64], &mut [f64]) + Sync,
+    ) -> Result<(), RowError> {
+        self.take_rows(rows, EffortRows::Held)?;
+        let (dof, count) = (self.model().dof(), self.len());
+        self.advance_rows(rows, Task::Step { dt, steps: 1 }, |piece, first| {
+            let (mut qd, mut efforts) = (vec![0.0; dof], vec![0.0; dof]);
+            // Block by block, so that a block stays in the processor's cache from step to step.
+            for (b, block) in piece.blocks.iter_mut().enumerate() {
+                let first = first + b * GROUP_SIZE;
+                let lanes = GROUP_SIZE.min(count - first);
+                for _ in 0..steps {
+                    for lane in 0..lanes {
+                        read(&block.qd, lane, &mut qd);
+                        read(&block.efforts, lane, &mut efforts);
+                        law(first + lane, &qd, &mut efforts);
+                        hold(block, lane, &efforts, &piece.setup.model);
+                    }
+                    let one = Piece {
+                        setup: piece.setup,
+                        blocks: std::slice::from_mut(block),
+                        scratch: piece.scratch,
+                        task: piece.task,
+                    };
+                    one.run(None);
+                }
+            }
+        });
+        Ok(())
+    }
+
+    /// Calls `advance` for every piece, with the number of its first state, and writes the states to `rows`.
+    fn advance_rows(
+        &mut self,
+        rows: &mut [f64],
+        task: Task,
+        advance: impl Fn(&mut Piece<'_>, usize) + Sync,
+    ) {
+        let layout = StateRow::new(self.model().dof());
+        let size = self.piece_size() * GROUP_SIZE;
+        let pieces = self.pieces(task);
+        let numbered = (pieces.zip(rows.par_chunks_mut(size * layout.len()))).enumerate();
+        numbered.for_each(|(k, (mut piece, rows))| {
+            advance(&mut piece, k * size);
             let mut state = State::at_rest(&piece.setup.model);
             for_each_lane(
                 piece.blocks,
@@ -63,7 +121,6 @@ impl Batch {
                 },
             );
         });
-        Ok(())
     }
 
     /// Takes the states from `rows`, holds `efforts`, and writes the joint accelerations \[rad/s² or m/s²\] to `qdd`, one row per
@@ -193,6 +250,40 @@ mod tests {
             assert_eq!(batch.state(k), alone.state(k));
             assert!((0..6).all(|j| qdd[k * 6 + j] == alone.qdd(k, j)));
         }
+    }
+
+    // Every state has its own law, sampled once a step: bit-identical to efforts that are computed from the rows before each.
+    #[test]
+    fn a_law_is_sampled_in_every_step() {
+        let urdf = include_str!("../../../../../urdf/servicer.urdf");
+        let model = Model::from_urdf(urdf, "servicer").unwrap();
+        let layout = StateRow::new(6);
+        let count = 21;
+        let mut rows = vec![0.0; count * layout.len()];
+        for (k, row) in rows.chunks_exact_mut(layout.len()).enumerate() {
+            let mut state = State::at_rest(&model);
+            state.qd = DVector::from_fn(6, |j, _| 0.1 * (k as f64 + 0.3 * j as f64).sin());
+            layout.write(&state, row);
+        }
+        let law = |index: usize, qd: &[f64], efforts: &mut [f64]| {
+            for (effort, qd) in efforts.iter_mut().zip(qd) {
+                *effort = 0.5 * *effort - (10.0 + index as f64) * qd;
+            }
+        };
+        let mut expected = rows.clone();
+        let mut alone = Batch::new(&model, IntegrationMethod::Rk4, count);
+        let mut efforts = vec![0.0; count * 6];
+        for _ in 0..7 {
+            let states = expected.chunks_exact(layout.len());
+            for (k, (row, efforts)) in states.zip(efforts.chunks_exact_mut(6)).enumerate() {
+                law(k, &row[7..13], efforts);
+            }
+            let each = EffortRows::Each(&efforts);
+            alone.step_rows(&mut expected, each, 0.01, 1).unwrap();
+        }
+        let mut batch = Batch::new(&model, IntegrationMethod::Rk4, count);
+        batch.step_rows_with(&mut rows, 0.01, 7, law).unwrap();
+        assert_eq!(rows, expected);
     }
 
     #[test]
