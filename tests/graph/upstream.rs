@@ -7,6 +7,7 @@ pub mod deadlocks;
 mod early_samples;
 mod fragments;
 mod histories;
+mod last_samples;
 mod late_joiners;
 pub mod lost_peers;
 mod wall_clock;

@@ -320,6 +320,18 @@ impl Writer {
         }
     }
 
+    /// Waits until living subscribers of other participants have taken what was written, before the writer leaves: at most
+    /// `timeout` for their acknowledgements, and no time if nothing was written lately.
+    pub(super) fn finish(&self, timeout: Duration) {
+        let is_awaited = self.spec.qos.is_reliable() && self.counters.remote.load(Relaxed) > 0;
+        let Some(wire) = self.wire().filter(|_| is_awaited) else {
+            return;
+        };
+        wire.wait_for_all_acked(timeout);
+        let last = Time::from_nanos(self.counters.last.load(Relaxed));
+        std::thread::sleep(wire.linger().saturating_sub(Time::wall().since(last)));
+    }
+
     /// Replaces the wire and returns the previous one.
     pub(super) fn attach<W: WireWriter + 'static>(
         &self,

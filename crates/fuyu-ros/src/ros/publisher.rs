@@ -68,7 +68,7 @@ impl<M> Drop for Publisher<M> {
         self.core
             .send_queue
             .flush_writer(&self.writer, LAST_MESSAGES);
-        self.writer.wait_for_all_acked(LAST_MESSAGES);
+        self.writer.finish(LAST_MESSAGES);
         self.core.remove_writer(&self.writer);
     }
 }

@@ -116,7 +116,7 @@ impl Drop for ServiceServer {
             .send_queue
             .flush_writer(&self.writer, LAST_MESSAGES);
         if self.writer.counters.messages.load(Relaxed) > 0 {
-            self.writer.wait_for_all_acked(LAST_MESSAGES);
+            self.writer.finish(LAST_MESSAGES);
         }
         self.core.remove_writer(&self.writer);
     }

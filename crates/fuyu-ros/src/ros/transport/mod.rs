@@ -92,6 +92,11 @@ pub(super) trait WireWriter: Send + Sync {
 
     /// Waits until living reliable subscribers have all written samples, at most `timeout`. Whether they have.
     fn wait_for_all_acked(&self, timeout: Duration) -> bool;
+
+    /// How long it stays after its last sample, so that subscribers take that before they forget the writer.
+    fn linger(&self) -> Duration {
+        Duration::ZERO
+    }
 }
 
 /// Discovery of a session.

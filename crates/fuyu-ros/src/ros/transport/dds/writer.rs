@@ -21,6 +21,10 @@ use crate::ros::{
 /// (docs/upstream.md).
 const STATES_READER: usize = 1_024;
 
+/// rustdds does not deliver samples of a writer that has left, even if it has acknowledged them, so a subscriber must have been
+/// scheduled between the two (docs/upstream.md).
+const LINGER: Duration = Duration::from_millis(200);
+
 /// After how many samples subscriptions of the same participant acknowledge: well below the 8192 after which rustdds waits.
 const ACKNOWLEDGED: i64 = 1024;
 
@@ -117,5 +121,9 @@ impl WireWriter for DdsWriter {
     fn wait_for_all_acked(&self, timeout: Duration) -> bool {
         self.acknowledge_for_own_readers();
         matches!(self.raw.wait_for_acknowledgments(timeout), Ok(true))
+    }
+
+    fn linger(&self) -> Duration {
+        LINGER
     }
 }
