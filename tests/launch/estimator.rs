@@ -113,7 +113,8 @@ fn the_target_is_where_the_estimator_said_it_would_be() {
         );
         assert!(compared > 40, "{compared} of {}", old.poses.len());
         // The target fills 190 px of the image, a pixel of which is 0.6 degrees of its turn; half a minute of it
-        // predicts the next half minute to some tenths of a degree. Wrong axes cause errors of tens of degrees.
-        assert!(worst.to_degrees() < 1.5, "{} deg", worst.to_degrees());
+        // predicts the next half minute to about a degree: 0.4 to 1.6 in runs with different noise. Wrong axes cause errors
+        // of tens of degrees.
+        assert!(worst.to_degrees() < 4.0, "{} deg", worst.to_degrees());
     });
 }
