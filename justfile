@@ -36,7 +36,7 @@ cockpit:
 format:
     cargo fmt --all
 
-# one or more steps of CI: fmt, lint, doc, msrv, test, slow, fuzz, cockpit, colcon, embed, bench, python
+# one or more steps of CI: fmt, lint, doc, msrv, test, slow, fuzz, cockpit, colcon, embed, python, zenoh
 step +STEPS:
     .ci/run {{STEPS}}
 

@@ -258,7 +258,12 @@ fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
         for k in 0..M::CAMERA {
             by_common[(6 + k, G - M::CAMERA + k)] += 1.0;
         }
-        let H_fg = H * by_common;
+        let nonzero: [Range<usize>; FRAME] = std::array::from_fn(|k| match k {
+            0..6 => spans[k].clone(),
+            _ if k < unknowns => G - M::CAMERA + (k - 6)..G - M::CAMERA + (k - 6) + 1,
+            _ => 0..0,
+        });
+        let H_fg = product_with_sparse_rows(&H, &by_common, &nonzero);
         let floor = 1e-9 * (1.0 + H.trace());
         let mut H_ll = SMatrix::<f64, L, L>::from_fn(|a, b| H[(6 - L + a, 6 - L + b)]);
         for a in 0..L {
@@ -266,7 +271,7 @@ fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
         }
         let H_lg = SMatrix::<f64, L, G>::from_fn(|a, b| H_fg[(6 - L + a, b)]);
         let g_l = SVector::<f64, L>::from_fn(|a, _| g[6 - L + a]);
-        system.H_gg += by_common.tr_mul(&H_fg);
+        add_transposed_product(&by_common, &nonzero, &H_fg, &mut system.H_gg);
         system.g_g += by_common.tr_mul(&g);
         system.add_frame(H_ll, H_lg, g_l);
     }
@@ -274,6 +279,39 @@ fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
     for a in 0..G {
         system.H_gg[(a, a)] += weights[a];
         system.g_g[a] += weights[a] * distance[a];
+    }
+}
+
+/// `H B`, where row `k` of `B` is zero outside of the columns `nonzero[k]`.
+fn product_with_sparse_rows<const G: usize>(
+    H: &SMatrix<f64, FRAME, FRAME>,
+    B: &SMatrix<f64, FRAME, G>,
+    nonzero: &[Range<usize>; FRAME],
+) -> SMatrix<f64, FRAME, G> {
+    let mut product = SMatrix::<f64, FRAME, G>::zeros();
+    for (k, span) in nonzero.iter().enumerate() {
+        for column in span.clone() {
+            product
+                .column_mut(column)
+                .axpy(B[(k, column)], &H.column(k), 1.0);
+        }
+    }
+    product
+}
+
+/// Adds `Bᵀ C` to the symmetric `sum`, where row `k` of `B` is zero outside of the columns `nonzero[k]`.
+fn add_transposed_product<const G: usize>(
+    B: &SMatrix<f64, FRAME, G>,
+    nonzero: &[Range<usize>; FRAME],
+    C: &SMatrix<f64, FRAME, G>,
+    sum: &mut SMatrix<f64, G, G>,
+) {
+    for (k, span) in nonzero.iter().enumerate() {
+        let row: SVector<f64, G> = SVector::from_fn(|b, _| C[(k, b)]);
+        for column in span.clone() {
+            // The sum is symmetric: its columns are its rows.
+            sum.column_mut(column).axpy(B[(k, column)], &row, 1.0);
+        }
     }
 }
 

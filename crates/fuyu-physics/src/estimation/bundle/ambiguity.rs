@@ -4,6 +4,9 @@
 //! the depth at half the rate looks the same, and so does a body mirrored in depth. Perspective and the curvature of
 //! the points' paths distinguish them, but these may be less than the noise. An adjustment may then converge to any
 //! of these motions.
+//!
+//! Hypotheses are tried on some of the frames. What these do not refute, and what is not the motion that is already known, is then
+//! fitted to all frames.
 
 use nalgebra::Vector3;
 
@@ -39,6 +42,9 @@ const BODIES: [(f64, f64); 12] = [
 /// Number of rounds; each starts from the best hypothesis of the one before.
 const ROUNDS: usize = 3;
 
+/// Hypotheses are tried on at most about this number of frames, evenly spaced.
+const TRIAL_FRAMES: usize = 100;
+
 /// Width of the cost for the first adjustment of a hypothesis, as a multiple of the noise.
 const START_WIDTH: f64 = 60.0;
 
@@ -48,6 +54,9 @@ const SIGNIFICANT: f64 = 25.0;
 
 /// Angular velocities that differ by less than this share are the same motion.
 const SAME_RATE: f64 = 0.2;
+
+/// Trial fits whose angular velocities differ by less than this share have found the same minimum.
+const SAME_MINIMUM: f64 = 0.01;
 
 /// The best of a fit and its hypotheses, and the angular rate \[rad/s\] of another one that explains the images equally
 /// well, if there is one.
@@ -96,8 +105,79 @@ fn mean_square<M>(fit: &ModelFit<M>, settings: &SolverSettings) -> f64 {
     deviation.powi(2) * (1.0 - outliers) + (INLIER_GATE * settings.noise).powi(2) * outliers
 }
 
-/// Fits that start from `fit` with other depths.
+/// Fits to all frames that start from `fit` with other depths.
 fn hypotheses<const L: usize, const G: usize, M>(
+    scene: &Scene,
+    fit: &ModelFit<M>,
+    settings: &SolverSettings,
+) -> Vec<(ModelFit<M>, Scene)>
+where
+    M: PoseModel<L, G> + TumblingModel,
+{
+    try_on_some_frames(scene, fit, settings).unwrap_or_else(|| other_depths(scene, fit, settings))
+}
+
+/// [`other_depths`] on [`TRIAL_FRAMES`], then all frames for those that are different from `fit` and not refuted. `None` if there
+/// are not more frames than that, or if those alone do not determine a fit.
+fn try_on_some_frames<const L: usize, const G: usize, M>(
+    scene: &Scene,
+    fit: &ModelFit<M>,
+    settings: &SolverSettings,
+) -> Option<Vec<(ModelFit<M>, Scene)>>
+where
+    M: PoseModel<L, G> + TumblingModel,
+{
+    let every = scene.len().div_ceil(TRIAL_FRAMES);
+    if every < 2 {
+        return None;
+    }
+    let mut chosen: Vec<usize> = (0..scene.len() - 1).step_by(every).collect();
+    chosen.push(scene.len() - 1);
+    let mut trial_scene = scene.of_frames(&chosen, settings.noise)?;
+    let motion = fit.motion.in_frames(&chosen);
+    let known = fit_robustly(&mut trial_scene, motion, fit.points.clone(), settings)?;
+    let mut found = other_depths(&trial_scene, &known, settings);
+    found.sort_by(|a, b| mean_square(&a.0, settings).total_cmp(&mean_square(&b.0, settings)));
+    let significant = SIGNIFICANT / (2 * trial_scene.observations().len()).max(1) as f64;
+    let least = mean_square(&known, settings);
+    let mut rates = vec![known.motion.rate()];
+    let mut hypotheses = Vec::new();
+    for (trial, _) in &found {
+        let (square, rate) = (mean_square(trial, settings), trial.motion.rate());
+        if square > least * (1.0 + significant) {
+            break;
+        }
+        let is_better = square < least * (1.0 - significant);
+        let same = |r: &Vector3<f64>| (rate - r).norm() < SAME_MINIMUM * r.norm();
+        // A better fit counts even at the known rate: the known one has then not converged.
+        let is_known = if is_better {
+            rates[1..].iter().any(same)
+        } else {
+            rates.iter().any(same)
+        };
+        if is_known {
+            continue;
+        }
+        rates.push(rate);
+        let mut all_frames = all_inliers(scene);
+        let motion = fit.motion.with_motion_of(&trial.motion);
+        let fitted = fit_robustly(&mut all_frames, motion, trial.points.clone(), settings);
+        hypotheses.extend(fitted.map(|fit| (fit, all_frames)));
+    }
+    Some(hypotheses)
+}
+
+/// The scene with all observations as inliers.
+fn all_inliers(scene: &Scene) -> Scene {
+    let mut all = scene.clone();
+    for i in 0..all.len() {
+        all.frame_mut(i).iter_mut().for_each(|s| s.inlier = true);
+    }
+    all
+}
+
+/// Fits to the frames of `scene` that start from `fit` with other depths.
+fn other_depths<const L: usize, const G: usize, M>(
     scene: &Scene,
     fit: &ModelFit<M>,
     settings: &SolverSettings,
@@ -122,13 +202,7 @@ where
             R.inverse() * Vector3::new(p.x, p.y, factor * (p.z + shift))
         };
         let mut points = centred.iter().enumerate().map(stretched).collect();
-        let mut trial_scene = scene.clone();
-        for i in 0..trial_scene.len() {
-            trial_scene
-                .frame_mut(i)
-                .iter_mut()
-                .for_each(|s| s.inlier = true);
-        }
+        let mut trial_scene = all_inliers(scene);
         let adjust_options = AdjustOptions {
             likelihood: PixelLikelihood::Huber(START_WIDTH * settings.noise),
             steps: 20,

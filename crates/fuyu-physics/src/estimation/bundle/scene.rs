@@ -64,6 +64,22 @@ impl Scene {
         scene
     }
 
+    /// The scene of the frames `chosen` (ascending) alone, with all of their observations as inliers; `None` if it would show a
+    /// point less than twice.
+    pub fn of_frames(&self, chosen: &[usize], noise: f64) -> Option<Self> {
+        let mut counts = vec![0_usize; self.points];
+        let frames: Vec<Vec<_>> = (chosen.iter())
+            .map(|&i| {
+                let shown = self.frame(i).iter().map(|s| {
+                    counts[s.point] += 1;
+                    SceneObservation { inlier: true, ..*s }
+                });
+                shown.collect()
+            })
+            .collect();
+        (counts.iter().all(|n| *n >= 2)).then(|| Self::new(self.focal, frames, self.points, noise))
+    }
+
     /// Number of frames.
     pub fn len(&self) -> usize {
         self.frames.len()

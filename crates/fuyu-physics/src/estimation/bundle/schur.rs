@@ -264,6 +264,8 @@ impl<const L: usize, const G: usize> System<L, G> {
             let factor = chol.l_dirty();
             let g = forward::<L, 1>(factor, frame.g_l);
             let wg = forward::<L, G>(factor, frame.H_lg);
+            // As columns, so that sums over them are vectorised.
+            let rows: [SVector<f64, G>; L] = std::array::from_fn(|l| wg.row(l).transpose());
             let stride = row_length(own.len());
             scratch.w.clear();
             scratch.w.resize(L * stride, 0.0);
@@ -276,14 +278,23 @@ impl<const L: usize, const G: usize> System<L, G> {
                     }
                 }
                 scratch.points.push(c.point);
-                with_points[c.point] -= wg.tr_mul(&w);
+                for (l, row) in rows.iter().enumerate() {
+                    for b in 0..3 {
+                        let mut column = with_points[c.point].column_mut(b);
+                        column.axpy(-w[(l, b)], row, 1.0);
+                    }
+                }
                 let r = w.tr_mul(&g);
                 for b in 0..3 {
                     rhs[3 * c.point + b] -= r[b];
                 }
             }
             reduced.subtract_product(&scratch.points, &scratch.w, &mut scratch.line);
-            common -= wg.tr_mul(&wg);
+            for row in &rows {
+                for b in 0..G {
+                    common.column_mut(b).axpy(-row[b], row, 1.0);
+                }
+            }
             gradient -= wg.tr_mul(&g);
             frames.push(chol);
         }

@@ -3,6 +3,8 @@
 //! Unknowns: the motion's eight parameters, the points, and the position of the body's origin in each frame. The
 //! positions are independent on purpose: this costs little, and neither the orbit nor the camera's path need be known.
 
+use std::borrow::Cow;
+
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
@@ -21,8 +23,8 @@ pub struct FreePositions<'a> {
     pub t_C: Vec<Vector3<f64>>,
     /// Logarithm of the focal length over its nominal value.
     pub log_focal: f64,
-    times: &'a [f64],
-    R_WC: &'a [UnitQuaternion<f64>],
+    times: Cow<'a, [f64]>,
+    R_WC: Cow<'a, [UnitQuaternion<f64>]>,
     attitudes: Vec<(UnitQuaternion<f64>, Sensitivity)>,
     focal_deviation: f64,
     noise: f64,
@@ -46,8 +48,8 @@ impl<'a> FreePositions<'a> {
             attitudes: motion.attitudes_and_sensitivities(times),
             motion,
             t_C,
-            times,
-            R_WC,
+            times: Cow::Borrowed(times),
+            R_WC: Cow::Borrowed(R_WC),
             log_focal,
             focal_deviation,
             noise,
@@ -57,7 +59,7 @@ impl<'a> FreePositions<'a> {
 
     /// The frames' times \[s\].
     pub fn times(&self) -> &[f64] {
-        self.times
+        &self.times
     }
 }
 
@@ -87,7 +89,7 @@ impl TumblingModel for FreePositions<'_> {
         let shifted = |i: usize| self.pose(i).R_CB * centre + self.t_C[i];
         Some(Self {
             t_C: (0..self.t_C.len()).map(shifted).collect(),
-            attitudes: motion.attitudes_and_sensitivities(self.times),
+            attitudes: motion.attitudes_and_sensitivities(&self.times),
             motion,
             ..self.clone()
         })
@@ -106,11 +108,41 @@ impl TumblingModel for FreePositions<'_> {
         let momentum = along * along.dot(&w);
         let motion = FreeMotion::new(&shape, momentum, self.motion.time, self.motion.R_WB)?;
         Some(Self {
-            attitudes: motion.attitudes_and_sensitivities(self.times),
+            attitudes: motion.attitudes_and_sensitivities(&self.times),
             motion,
             shape_spread: 1e-6,
             ..self.clone()
         })
+    }
+
+    fn in_frames(&self, chosen: &[usize]) -> Self {
+        Self {
+            motion: self.motion,
+            t_C: chosen.iter().map(|&i| self.t_C[i]).collect(),
+            times: chosen.iter().map(|&i| self.times[i]).collect(),
+            R_WC: chosen.iter().map(|&i| self.R_WC[i]).collect(),
+            attitudes: chosen.iter().map(|&i| self.attitudes[i]).collect(),
+            ..*self
+        }
+    }
+
+    /// Between the frames of `other`, positions are interpolated linearly.
+    fn with_motion_of(&self, other: &Self) -> Self {
+        let position = |time: &f64| {
+            let next = other.times.partition_point(|t| t <= time);
+            let next = next.clamp(1, other.times.len() - 1);
+            let (before, after) = (other.times[next - 1], other.times[next]);
+            let share = (time - before) / (after - before).max(f64::MIN_POSITIVE);
+            other.t_C[next - 1].lerp(&other.t_C[next], share)
+        };
+        Self {
+            motion: other.motion,
+            t_C: self.times.iter().map(position).collect(),
+            attitudes: other.motion.attitudes_and_sensitivities(&self.times),
+            log_focal: other.log_focal,
+            shape_spread: other.shape_spread,
+            ..self.clone()
+        }
     }
 }
 
@@ -139,7 +171,7 @@ impl PoseModel<3, COMMON> for FreePositions<'_> {
         let step = common.fixed_rows::<PARAMETERS>(0).into_owned();
         let motion = self.motion.moved(&step)?;
         Some(Self {
-            attitudes: motion.attitudes_and_sensitivities(self.times),
+            attitudes: motion.attitudes_and_sensitivities(&self.times),
             motion,
             t_C: self.t_C.iter().zip(frames).map(|(t, d)| t + d).collect(),
             log_focal: self.log_focal + common[PARAMETERS],

@@ -105,6 +105,20 @@ impl TumblingModel for LinearComMotion<'_> {
             ..self.clone()
         })
     }
+
+    fn in_frames(&self, chosen: &[usize]) -> Self {
+        Self {
+            rotation: self.rotation.in_frames(chosen),
+            ..*self
+        }
+    }
+
+    fn with_motion_of(&self, other: &Self) -> Self {
+        Self {
+            rotation: self.rotation.with_motion_of(&other.rotation),
+            ..*other
+        }
+    }
 }
 
 impl PoseModel<0, ALL> for LinearComMotion<'_> {

@@ -62,4 +62,8 @@ pub trait TumblingModel: Sized {
     fn nutation(&self) -> f64;
     /// The same motion with spherical inertia.
     fn with_spherical_inertia(&self) -> Option<Self>;
+    /// The same motion in the frames `chosen` alone: ascending, with the first and the last one.
+    fn in_frames(&self, chosen: &[usize]) -> Self;
+    /// The motion of `other`, which has only some of these frames ([`TumblingModel::in_frames`]), in all of them.
+    fn with_motion_of(&self, other: &Self) -> Self;
 }
