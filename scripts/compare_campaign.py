@@ -2,13 +2,13 @@
 """Campaigns of the positioning scenario: fuyu against `mujoco.rollout` of the same robot under the same law, in one run.
 
 fuyu computes what `fuyu campaign` does: camera with noise and latency, controller with all that it monitors, plant, and the figures
-of each run. MuJoCo computes the plant by `mujoco.rollout`, many robots in a call, and the law in numpy on all of them at once, with
-numpy's poses of the links; its camera is ideal, and it keeps no figures. "rollout, plant alone" is the same without any law: the
-least that MuJoCo needs. Both use one thread.
+of each run: those that the campaign keeps, or "tip alone", the errors of the tip at the end. MuJoCo computes the plant by
+`mujoco.rollout`, many robots in a call, and the law in numpy on all of them at once, with numpy's poses of the links; its camera is
+ideal, and it keeps no figures. "rollout, plant alone" is the same without any law: the least that MuJoCo needs. Both use one thread.
 
-The programs alternate, and the ratios are those of neighbours in time: medians of `--rounds` of them. Errors are those of the base's
-attitude at the end against a run with an eighth of the step, the law sampled as before: MuJoCo's is with the fewest steps
-per period whose error is at most twice fuyu's, and with one.
+Times are processor times, of all processes. The programs alternate, and the ratios are those of neighbours in time: medians of
+`--rounds` of them. Errors are those of the base's attitude at the end against a run with an eighth of the step, the law sampled as
+before: MuJoCo's is with the fewest steps per period whose error is at most twice fuyu's, and with one.
 
     pip install ./python mujoco numpy
     python scripts/compare_campaign.py
@@ -17,11 +17,12 @@ per period whose error is at most twice fuyu's, and with one.
 from __future__ import annotations
 
 import argparse
+import os
+import re
 import statistics
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import mujoco
@@ -32,7 +33,7 @@ import fuyu
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "python/benches"))
-from vector_env import check, mjcf  # noqa: E402
+from mujoco_model import check, mjcf  # noqa: E402
 
 #: Control period [s].
 PERIOD = 0.01
@@ -154,7 +155,7 @@ class Peer:
     """Robots on MuJoCo."""
 
     def __init__(self, robot: fuyu.Model, count: int, substeps: int, seed: int = 1) -> None:
-        xml = mjcf(robot.urdf).replace('timestep="0.01"', f'timestep="{PERIOD / substeps!r}"')
+        xml = mjcf(robot.urdf, PERIOD / substeps)
         self.model, self.substeps = mujoco.MjModel.from_xml_string(xml), substeps
         self.data = mujoco.MjData(self.model)
         self.law = Law(self.model, GOAL, matrices(GOAL_XYZW[[3, 0, 1, 2]]), robot.effort_limits)
@@ -249,21 +250,23 @@ def main() -> None:
     periods, runs = round(given.seconds / PERIOD), given.runs
     robot = fuyu.Model.from_urdf("package://fuyu/urdf/servicer.urdf")
     peer = Peer(robot, runs, 1)
-    print(f"plants agree to {check(robot.urdf, mjcf(robot.urdf)):.1e}, laws to {check_law(robot, peer):.1e}", flush=True)
+    print(f"plants agree to {check(robot.urdf, mjcf(robot.urdf, PERIOD)):.1e}, laws to {check_law(robot, peer):.1e}", flush=True)
 
     few = 8
     reference = Own(robot, Peer(robot, few, 1), "dop8", 8).run(periods)
     own_error = angle(Own(robot, Peer(robot, few, 1), "rk4", 1).run(periods), reference)
     print(f"error of the base's attitude after {given.seconds:.0f} s: fuyu, 1 step per period: {own_error:.1e} rad")
     equal, errors = None, {}
-    for substeps in (1, 2, 4, 8, 16, 32):
+    for substeps in (1, 2, 3, 4, 6, 8, 16, 32):
         errors[substeps] = angle(Peer(robot, few, substeps).run(periods)[:, 4:8], reference)
         print(f"  MuJoCo, {substeps} steps per period: {errors[substeps]:.1e} rad", flush=True)
         if errors[substeps] <= 2 * own_error:
             equal = substeps
             break
+    text = Path(given.campaign).read_text()
     programs = {
-        "fuyu campaign": lambda: campaign(given.fuyu, given.campaign, runs, given.seconds),
+        "fuyu campaign": lambda: campaign(given.fuyu, text, runs, given.seconds),
+        "fuyu campaign, tip alone": lambda: campaign(given.fuyu, with_tip_alone(text), runs, given.seconds),
         "rollout and law, 1 step per period": lambda: peer.run(periods),
         "rollout, plant alone, 1 step per period": lambda: peer.plant(periods),
     }
@@ -273,20 +276,36 @@ def main() -> None:
     found: dict[str, list[float]] = {name: [] for name in programs}
     for _ in range(given.rounds):
         for name, run in programs.items():
-            start = time.perf_counter()
+            start = processor_time()
             run()
-            found[name].append((time.perf_counter() - start) / runs)
-    own = found["fuyu campaign"]
+            found[name].append((processor_time() - start) / runs)
     for name, times in found.items():
-        ratio = statistics.median(a / b for a, b in zip(times, own))
-        print(f"{name:42} {1e3 * statistics.median(times):8.2f} ms a run   {ratio:6.2f} x fuyu's time")
+        line = f"{name:42} {1e3 * statistics.median(times):8.2f} ms a run"
+        for own in ["fuyu campaign", "fuyu campaign, tip alone"]:
+            ratios = [a / b for a, b in zip(times, found[own])]
+            line += f"   {statistics.median(ratios):6.2f} ({min(ratios):.2f}-{max(ratios):.2f}) x {own}"
+        print(line)
 
 
-def campaign(fuyu_command: str, config: str, runs: int, seconds: float) -> None:
+def processor_time() -> float:
+    """Of this process and of those that it has started and that have ended [s]."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def with_tip_alone(text: str) -> str:
+    """The campaign that keeps the errors of the tip at the end, and nothing else."""
+    text, count = re.subn(r"(?ms)^keep:\n.*?(?=^\S|\Z)", "keep: {results: [tip_position_error, tip_attitude_error]}\n", text)
+    if count != 1:
+        raise SystemExit("the campaign has no section keep")
+    return text
+
+
+def campaign(fuyu_command: str, text: str, runs: int, seconds: float) -> None:
     """The campaign on one processor, into a folder that is removed, with all that belongs to it."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "campaign.yaml"
-        path.write_text(Path(config).read_text() + f"\nduration: {seconds}\n")
+        path.write_text(text + f"\nduration: {seconds}\n")
         run = [fuyu_command, "campaign", "run", str(path), "--output", f"{folder}/out", "--runs", str(runs)]
         subprocess.run([*run, "--jobs", "1", "--json"], check=True, stdout=subprocess.DEVNULL)
 

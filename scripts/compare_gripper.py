@@ -27,7 +27,7 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "python/benches"))
-from vector_env import mjcf  # noqa: E402
+from mujoco_model import mjcf  # noqa: E402
 
 FIXTURE = ROOT / "crates/fuyu-physics/tests/capture/fixtures/capture_gripper.json"
 #: Of the run [s].
@@ -48,7 +48,7 @@ def scene(step: float) -> str:
     """Servicer, gripper and satellite for MuJoCo."""
     fixture = json.loads(FIXTURE.read_text())
     gripper = fixture["gripper"]
-    top = ElementTree.fromstring(mjcf((ROOT / "urdf/servicer.urdf").read_text()))
+    top = ElementTree.fromstring(mjcf((ROOT / "urdf/servicer.urdf").read_text(), step))
     option = top.find("option")
     option.clear()
     for key, value in {

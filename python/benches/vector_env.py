@@ -15,7 +15,6 @@ import argparse
 import os
 import statistics
 import time
-import xml.etree.ElementTree as ElementTree
 
 import gymnasium
 import mujoco
@@ -24,6 +23,8 @@ import numpy as np
 
 import fuyu
 import fuyu.gym
+
+from mujoco_model import check, mjcf
 
 try:
     import warp
@@ -34,70 +35,6 @@ except ImportError:
     mujoco_warp = None
 
 DT = 0.01
-
-
-def mjcf(urdf: str) -> str:
-    """The robot for MuJoCo, with a free base; without visuals, contacts and gravity."""
-    robot = ElementTree.fromstring(urdf)
-    links = {link.get("name"): link for link in robot.findall("link")}
-    joints = robot.findall("joint")
-    children = {joint.find("child").get("link") for joint in joints}
-    root = next(name for name in links if name not in children)
-
-    def body(name: str, parent: ElementTree.Element, joint: ElementTree.Element | None) -> None:
-        element = ElementTree.SubElement(parent, "body", name=name)
-        if joint is None:
-            ElementTree.SubElement(element, "freejoint")
-        else:
-            origin = joint.find("origin")
-            if origin is not None:
-                element.set("pos", origin.get("xyz", "0 0 0"))
-                element.set("euler", origin.get("rpy", "0 0 0"))
-            if joint.get("type") != "fixed":
-                axis = joint.find("axis").get("xyz")
-                ElementTree.SubElement(element, "joint", name=joint.get("name"), axis=axis)
-        inertial = links[name].find("inertial")
-        if inertial is not None:
-            origin, inertia = inertial.find("origin"), inertial.find("inertia")
-            values = [inertia.get(k, "0") for k in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")]
-            ElementTree.SubElement(
-                element,
-                "inertial",
-                pos="0 0 0" if origin is None else origin.get("xyz", "0 0 0"),
-                mass=inertial.find("mass").get("value"),
-                fullinertia=" ".join(values),
-            )
-        for child in joints:
-            if child.find("parent").get("link") == name:
-                body(child.find("child").get("link"), element, child)
-
-    top = ElementTree.Element("mujoco")
-    # URDF's angles are about fixed axes.
-    ElementTree.SubElement(top, "compiler", angle="radian", eulerseq="XYZ")
-    option = ElementTree.SubElement(top, "option", timestep=str(DT), integrator="RK4", gravity="0 0 0")
-    ElementTree.SubElement(option, "flag", contact="disable", constraint="disable")
-    body(root, ElementTree.SubElement(top, "worldbody"), None)
-    actuator = ElementTree.SubElement(top, "actuator")
-    for joint in joints:
-        if joint.get("type") != "fixed":
-            ElementTree.SubElement(actuator, "motor", joint=joint.get("name"))
-    return ElementTree.tostring(top, encoding="unicode")
-
-
-def check(urdf: str, xml: str) -> float:
-    """Largest difference of the joint accelerations at random states, relative to the largest acceleration: the plants are the same."""
-    robot, model = fuyu.Model.from_urdf(urdf), mujoco.MjModel.from_xml_string(xml)
-    data, random, worst = mujoco.MjData(model), np.random.default_rng(1), 0.0
-    for _ in range(20):
-        q, qd, efforts = random.uniform(-2, 2, 6), random.normal(size=6), random.normal(size=6) * 20
-        state = fuyu.State(robot, q, qd)
-        data.qpos[:] = np.r_[0, 0, 0, 1, 0, 0, 0, q]
-        data.qvel[:] = np.r_[np.zeros(6), qd]
-        data.ctrl[:] = efforts
-        mujoco.mj_forward(model, data)
-        ours = robot.forward_dynamics(state, efforts)
-        worst = max(worst, abs(ours - data.qacc[6:]).max() / abs(ours).max())
-    return worst
 
 
 class MujocoServicer(gymnasium.Env):
@@ -145,20 +82,22 @@ class WarpServicers:
             return self.data.qpos.numpy()
 
 
-def timed(run, states: int) -> float:
-    """Steps per second of all states together."""
-    start = time.perf_counter()
+def timed(run, states: int, clock) -> float:
+    """Steps per second of `clock`, of all states together."""
+    start = clock()
     run()
-    return states / (time.perf_counter() - start)
+    return states / (clock() - start)
 
 
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--envs", type=int, default=4096)
     options.add_argument("--rounds", type=int, default=5)
+    options.add_argument("--processor-time", action="store_true", help="of all threads, instead of wall time: where others use the machine")
     given = options.parse_args()
+    clock = time.process_time if given.processor_time else time.perf_counter
     robot = fuyu.Model.from_urdf("package://fuyu/urdf/servicer.urdf")
-    xml = mjcf(robot.urdf)
+    xml = mjcf(robot.urdf, DT)
     print(f"plants agree to {check(robot.urdf, xml):.1e}; {os.cpu_count()} processors, {given.envs} servicers")
     n, m = robot.dof, given.envs
     actions = np.random.default_rng(2).uniform(-1, 1, (m, n))
@@ -212,7 +151,7 @@ def main() -> None:
     found: dict[str, list[float]] = {name: [] for name in programs}
     for _ in range(given.rounds + 1):
         for name, (run, states) in programs.items():
-            found[name].append(timed(run, states))
+            found[name].append(timed(run, states, clock))
     # The first round warms up.
     found = {name: rates[1:] for name, rates in found.items()}
     peers_names = [name for name in found if not name.startswith("fuyu")]

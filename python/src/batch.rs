@@ -1,6 +1,6 @@
 //! `Batch`.
 
-use fuyu::dynamics::{EffortRows, IntegrationMethod, StateRow, Workspace};
+use fuyu::dynamics::{EffortRows, IntegrationMethod, RowError, StateRow, Workspace};
 use fuyu::model::{Frame, Model as Robot};
 use fuyu::spatial::{Pose, Twist};
 use numpy::{
@@ -194,20 +194,11 @@ impl Batch {
         efforts: Option<&Bound<'_, PyAny>>,
         steps: usize,
     ) -> PyResult<()> {
-        let dt = finite("dt", dt)?;
-        let layout = self.layout();
-        let data = self.data.bind(py);
-        let mut writable = data.try_readwrite().map_err(in_use)?;
-        let rows = writable.as_slice_mut()?;
         let given = efforts.map(|given| strict("efforts", given)).transpose()?;
         let efforts = effort_rows(given.as_ref(), &self.model, self.batch.len())?;
-        let batch = &mut self.batch;
-        let diverged = py.detach(|| {
-            batch.step_rows(rows, efforts, dt, steps)?;
-            Ok(layout.check(rows, 0).err())
-        });
-        let diverged = diverged.map_err(|e: fuyu::dynamics::RowError| input(e))?;
-        diverged.map_or(Ok(()), |problem| Err(has_diverged(dt, steps, problem)))
+        self.advance(py, dt, steps, |batch, rows, dt| {
+            batch.step_rows(rows, efforts, dt, steps)
+        })
     }
 
     /// Advances all states in place by `steps` steps of `dt` [s] under drives that damp the joints to `rates` [rad/s or m/s], shape (m, n):
@@ -223,22 +214,13 @@ impl Batch {
         gains: &Bound<'_, PyAny>,
         steps: usize,
     ) -> PyResult<()> {
-        let dt = finite("dt", dt)?;
-        let (layout, dof, count) = (self.layout(), self.model.robot.dof(), self.batch.len());
         let (rates, gains) = (strict("rates", rates)?, strict("gains", gains)?);
-        let drives = Drives::new(&rates, &gains, count, dof)?;
-        let data = self.data.bind(py);
-        let mut writable = data.try_readwrite().map_err(in_use)?;
-        let rows = writable.as_slice_mut()?;
-        let batch = &mut self.batch;
-        let diverged = py.detach(|| {
+        let drives = Drives::new(&rates, &gains, self.batch.len(), self.model.robot.dof())?;
+        self.advance(py, dt, steps, |batch, rows, dt| {
             batch.step_rows_with(rows, dt, steps, |index, qd, efforts| {
                 drives.efforts(index, qd, efforts);
-            })?;
-            Ok(layout.check(rows, 0).err())
-        });
-        let diverged = diverged.map_err(|e: fuyu::dynamics::RowError| input(e))?;
-        diverged.map_or(Ok(()), |problem| Err(has_diverged(dt, steps, problem)))
+            })
+        })
     }
 
     /// Joint accelerations, shape (m, n) [rad/s2 or m/s2], under `efforts` as in `step`. `out` receives them if given.
@@ -329,6 +311,27 @@ impl Batch {
 }
 
 impl Batch {
+    /// Lets `step` advance the rows by `steps` steps of `dt` \[s\] without the interpreter's lock, and checks them.
+    fn advance(
+        &mut self,
+        py: Python<'_>,
+        dt: f64,
+        steps: usize,
+        step: impl FnOnce(&mut fuyu::dynamics::Batch, &mut [f64], f64) -> Result<(), RowError> + Send,
+    ) -> PyResult<()> {
+        let dt = finite("dt", dt)?;
+        let layout = self.layout();
+        let mut writable = self.data.bind(py).try_readwrite().map_err(in_use)?;
+        let rows = writable.as_slice_mut()?;
+        let batch = &mut self.batch;
+        let stepped = py.detach(|| {
+            step(batch, rows, dt)?;
+            Ok(check_rows(layout, rows))
+        });
+        let checked = stepped.map_err(|e: RowError| input(e))?;
+        checked.map_err(|problem| has_diverged(dt, steps, problem))
+    }
+
     /// Poses and velocities of `frame` as `frame_states` gives them.
     pub fn write_frame_states<'py>(
         &self,
@@ -360,7 +363,7 @@ impl Batch {
                 });
                 Ok(())
             });
-            checked.map_err(|e: fuyu::dynamics::RowError| input(e))?;
+            checked.map_err(|e: RowError| input(e))?;
         }
         Ok(out)
     }
@@ -376,8 +379,16 @@ impl Batch {
     }
 }
 
+/// Checks rows on all processors; the error is that of the first.
+fn check_rows(layout: StateRow, rows: &[f64]) -> Result<(), RowError> {
+    const ROWS: usize = 256;
+    let parts = rows.par_chunks(ROWS * layout.len()).enumerate();
+    let wrong = parts.find_map_first(|(k, rows)| layout.check(rows, k * ROWS).err());
+    wrong.map_or(Ok(()), Err)
+}
+
 /// The error of a motion that is not finite any more.
-pub fn has_diverged(dt: f64, steps: usize, problem: fuyu::dynamics::RowError) -> PyErr {
+pub fn has_diverged(dt: f64, steps: usize, problem: RowError) -> PyErr {
     run(format!(
         "after {steps} steps of {dt} s the motion has diverged: {problem}"
     ))

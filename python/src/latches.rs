@@ -5,7 +5,7 @@ use fuyu::dynamics::{Floating, IntegrationMethod, State, StateRow, Workspace};
 use fuyu::model::{Frame, Model as Robot};
 use fuyu::spatial::{Pose, Twist};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{BorrowError, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
@@ -40,6 +40,12 @@ struct Held {
     /// Both as they move in the joined system.
     robot: Floating,
     target: Floating,
+}
+
+/// A batch with its rows, which are borrowed.
+struct Side<'py, Rows> {
+    batch: PyRef<'py, Batch>,
+    rows: Rows,
 }
 
 /// A pair with its rows.
@@ -176,12 +182,10 @@ impl Latches {
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let out = output(py, out, &[self.held.len(), 12])?;
         {
-            let (robots, targets) = (self.robots.try_borrow(py)?, self.targets.try_borrow(py)?);
-            let of_robots = robots.rows(py).try_readonly().map_err(in_use)?;
-            let of_targets = targets.rows(py).try_readonly().map_err(in_use)?;
-            let (robot, target) = (robots.robot(), targets.robot());
-            let (layout, target_layout) = (robots.layout(), targets.layout());
-            let (rows, target_rows) = (of_robots.as_slice()?, of_targets.as_slice()?);
+            let [robots, targets] = self.sides(py, |rows| rows.try_readonly())?;
+            let (robot, target) = (robots.batch.robot(), targets.batch.robot());
+            let (layout, target_layout) = (robots.batch.layout(), targets.batch.layout());
+            let (rows, target_rows) = (robots.rows.as_slice()?, targets.rows.as_slice()?);
             let mut writable = out.try_readwrite().map_err(in_use)?;
             let results = writable.as_slice_mut()?;
             let grasp = &self.grasp;
@@ -295,12 +299,10 @@ impl Latches {
                 "the latch of pair {index} is closed already"
             )));
         }
-        let (robots, targets) = (self.robots.try_borrow(py)?, self.targets.try_borrow(py)?);
-        let mut of_robots = robots.rows(py).try_readwrite().map_err(in_use)?;
-        let mut of_targets = targets.rows(py).try_readwrite().map_err(in_use)?;
-        let (rows, target_rows) = (of_robots.as_slice_mut()?, of_targets.as_slice_mut()?);
-        let (robot, target) = (robots.robot(), targets.robot());
-        let (layout, target_layout) = (robots.layout(), targets.layout());
+        let [mut robots, mut targets] = self.sides(py, |rows| rows.try_readwrite())?;
+        let (rows, target_rows) = (robots.rows.as_slice_mut()?, targets.rows.as_slice_mut()?);
+        let (robot, target) = (robots.batch.robot(), targets.batch.robot());
+        let (layout, target_layout) = (robots.batch.layout(), targets.batch.layout());
         let (grasp, method) = (&self.grasp, self.method);
         let (before, target_before) = (&*rows, &*target_rows);
         let found: Result<Vec<_>, String> = py.detach(|| {
@@ -392,6 +394,20 @@ impl Latches {
         Ok(self.robots.try_borrow(py)?.robot().dof())
     }
 
+    /// Robots and targets, whose rows are borrowed by `borrow`.
+    fn sides<'py, Rows>(
+        &self,
+        py: Python<'py>,
+        borrow: impl Fn(&Bound<'py, PyArray2<f64>>) -> Result<Rows, BorrowError>,
+    ) -> PyResult<[Side<'py, Rows>; 2]> {
+        let side = |batch: &Py<Batch>| {
+            let batch = batch.bind(py).try_borrow()?;
+            let rows = borrow(batch.rows(py)).map_err(in_use)?;
+            Ok::<_, PyErr>(Side { batch, rows })
+        };
+        Ok([side(&self.robots)?, side(&self.targets)?])
+    }
+
     /// Steps the pairs that are joined by `advance`, and writes their rows.
     fn step_held(
         &mut self,
@@ -403,11 +419,9 @@ impl Latches {
         if self.held.iter().all(Option::is_none) {
             return Ok(());
         }
-        let (robots, targets) = (self.robots.try_borrow(py)?, self.targets.try_borrow(py)?);
-        let mut of_robots = robots.rows(py).try_readwrite().map_err(in_use)?;
-        let mut of_targets = targets.rows(py).try_readwrite().map_err(in_use)?;
-        let (rows, target_rows) = (of_robots.as_slice_mut()?, of_targets.as_slice_mut()?);
-        let (layout, target_layout) = (robots.layout(), targets.layout());
+        let [mut robots, mut targets] = self.sides(py, |rows| rows.try_readwrite())?;
+        let (rows, target_rows) = (robots.rows.as_slice_mut()?, targets.rows.as_slice_mut()?);
+        let (layout, target_layout) = (robots.batch.layout(), targets.batch.layout());
         let held = &mut self.held;
         let diverged = py.detach(|| {
             let pairs = held.par_iter_mut().zip(rows.par_chunks_mut(layout.len()));

@@ -17,6 +17,14 @@ pub struct MomentumResidual {
     pub angular: f64,
 }
 
+impl MomentumResidual {
+    /// Of a run in which it was not computed.
+    pub(super) const UNKNOWN: Self = Self {
+        linear: f64::NAN,
+        angular: f64::NAN,
+    };
+}
+
 /// Momentum and energy of a free-floating body at one time.
 pub(super) struct Carried {
     /// Momentum, less the external impulse.

@@ -55,7 +55,8 @@ struct AttitudeControl {
 /// Cameras and control loop.
 struct VisualServo {
     camera: PoseCamera,
-    kinematics: Workspace,
+    /// The arm as the camera knows it, of a robot with flexible parts; without them it is the robot's own.
+    kinematics: Option<Workspace>,
     target: Option<TrackedTarget>,
     feature_frames: Vec<FeatureFrame>,
     control_loop: ControlLoop,
@@ -313,12 +314,11 @@ impl SecondArm {
         &mut self,
         time: f64,
         X_WB: &Pose,
-        kinematics: &Workspace,
+        X_BE: &Pose,
         control_loop: &mut ControlLoop,
     ) -> Result<(), InputError> {
-        let X_BE = kinematics.X_BF(&self.tip);
         self.camera
-            .show(time, &X_BE, Some(&(X_WB.inverse() * self.X_WD)));
+            .show(time, X_BE, Some(&(X_WB.inverse() * self.X_WD)));
         while let Some(frame) = self.camera.deliver(time) {
             add_frame(control_loop, 1, &through_message(&frame))?;
         }
@@ -419,7 +419,7 @@ impl VisualServo {
             carrier,
             second,
             camera: PoseCamera::new(camera.quality),
-            kinematics: Workspace::new(model),
+            kinematics: (world.robot.flexible()).map(|_| Workspace::new(model)),
             target,
             feature_frames: Vec::new(),
             X_FD: with_matrix(&goal),
@@ -442,9 +442,12 @@ impl VisualServo {
         let stamp = Stamp::from_nanos(stamp.as_nanos());
         let robot = &world.robot;
         // The camera knows the arm's kinematics and its joints, as the camera node does.
-        self.kinematics.set_positions(&robot.state().q);
+        if let Some(kinematics) = &mut self.kinematics {
+            kinematics.set_positions(&robot.state().q);
+        }
         let tip = self.control_loop.controller().tip();
-        let (X_BE, true_X_BE) = (self.kinematics.X_BF(tip), robot.X_BF(tip));
+        let true_X_BE = robot.X_BF(tip);
+        let X_BE = (self.kinematics.as_ref()).map_or(true_X_BE, |arm| arm.X_BF(tip));
         let X_WB = message_round_trip(&robot.X_WB());
         let at = |e: String| format!("at {time:.2} s: {e}");
         let of_target = |body: Watched| {
@@ -452,8 +455,8 @@ impl VisualServo {
             Ok::<_, String>(message_round_trip(&X_WT))
         };
         let X_WF = self.carrier.map(of_target).transpose()?;
-        let X_WF = X_WF.unwrap_or_else(Pose::identity);
-        let X_BD = X_WB.inverse() * (X_WF * self.X_FD);
+        let X_WD = X_WF.map_or(self.X_FD, |X_WF| X_WF * self.X_FD);
+        let X_BD = X_WB.inverse() * X_WD;
         self.camera.show(time, &X_BE, Some(&X_BD));
         while let Some(frame) = self.camera.deliver(time) {
             frames.push(through_message(&frame));
@@ -502,7 +505,9 @@ impl VisualServo {
         }
         if let Some(second) = &mut self.second {
             let time = stamp.as_secs_f64();
-            second.measure(time, X_WB, &self.kinematics, control_loop)?;
+            let arm = self.kinematics.as_ref();
+            let X_BE = arm.map_or_else(|| robot.X_BF(&second.tip), |arm| arm.X_BF(&second.tip));
+            second.measure(time, X_WB, &X_BE, control_loop)?;
         }
         control_loop.add_gyro(stamp, *w_WB_B)
     }

@@ -68,7 +68,7 @@ pub use mission_summary::{MissionSummary, PhaseSummary, mission_lines};
 pub use observations::{Observations, ObservedTracks};
 pub use operated::{Drive, Operated};
 pub use other_bodies::OtherBodies;
-pub use performance::{Performance, Summary};
+pub use performance::{Figures, Performance, Summary};
 pub use recorded::{
     BaseSample, ControllerSample, DeformationSample, ExternalSample, JointSample, MomentumSample,
     RecordedRun, RecordedRuns, SeenPose,

@@ -15,8 +15,49 @@ use crate::{
     spatial::roll_pitch_yaw_intrinsic,
 };
 
+/// Figures that cost more than all others together, and of which a campaign needs only those that it keeps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Figures {
+    /// Residuals of momentum and energy.
+    pub residuals: bool,
+    /// Largest accelerations of tip and base.
+    pub accelerations: bool,
+    /// Events.
+    pub events: bool,
+}
+
+impl Figures {
+    /// All.
+    pub const ALL: Self = Self {
+        residuals: true,
+        accelerations: true,
+        events: true,
+    };
+
+    /// Those without which results of these dotted names, as in `fuyu simulate --json`, are not known.
+    pub fn of_results<'a>(names: impl Iterator<Item = &'a str>) -> Self {
+        let mut needed = Self {
+            residuals: false,
+            accelerations: false,
+            events: false,
+        };
+        for part in names.flat_map(|name| name.split(['.', '['])) {
+            match part {
+                "momentum_residual" | "energy_residual" => needed.residuals = true,
+                "max_tip_acceleration" | "max_base_angular_acceleration" => {
+                    needed.accelerations = true;
+                }
+                "events" => needed.events = true,
+                _ => {}
+            }
+        }
+        needed
+    }
+}
+
 /// Accumulates the figures of a run, state by state.
 pub struct Performance {
+    figures: Figures,
     initial_base: Vector3<f64>,
     time: f64,
     /// Of the tip; `None` without a controller.
@@ -25,7 +66,8 @@ pub struct Performance {
     attitude_settled: Settled,
     balance: Balance,
     targets: TargetBalances,
-    max_tip: Option<(f64, f64)>,
+    max_tip_speed: Option<f64>,
+    max_tip_acceleration: Option<f64>,
     max_base_angular_acceleration: f64,
     loop_gap: Option<f64>,
 }
@@ -88,9 +130,10 @@ pub struct Summary {
 }
 
 impl Performance {
-    /// Starts with the world's initial state.
-    pub fn new(world: &World) -> Self {
+    /// Starts with the world's initial state. Of the `figures` that are not wanted, the values are NaN or `None`.
+    pub fn new(world: &World, figures: Figures) -> Self {
         Self {
+            figures,
             initial_base: base_com(world),
             time: 0.0,
             last_error: None,
@@ -98,8 +141,12 @@ impl Performance {
             attitude_settled: Settled::new(2f64.to_radians()),
             balance: Balance::new(&Carried::of_robot(world)),
             targets: TargetBalances::new(world),
-            max_tip: None,
-            max_base_angular_acceleration: 0.0,
+            max_tip_speed: None,
+            max_tip_acceleration: None,
+            max_base_angular_acceleration: match figures.accelerations {
+                true => 0.0,
+                false => f64::NAN,
+            },
             loop_gap: None,
         }
     }
@@ -127,7 +174,9 @@ impl Performance {
             self.position_settled.see(self.time, drive.distance);
         }
 
-        self.balance.see(&Carried::of_robot(world));
+        if self.figures.residuals {
+            self.balance.see(&Carried::of_robot(world));
+        }
         self.targets.see(world);
         let robot = &world.robot;
         if let (Some(loops), Some(robot)) = (robot.loops(), robot.rigid()) {
@@ -136,9 +185,6 @@ impl Performance {
                 self.loop_gap = Some(larger(self.loop_gap.unwrap_or(0.0), open));
             }
         }
-        world.robot.set_accelerations();
-        let robot = &world.robot;
-        let base = &robot.model().frames()[0];
         let largest = |so_far, v: Vector3<f64>| larger(so_far, v.norm());
         let tip = match (&moment.answer, &moment.drive) {
             (Some(answer), _) => Some(answer.control_loop.controller().tip()),
@@ -146,21 +192,34 @@ impl Performance {
             (None, None) => None,
         };
         if let Some(tip) = tip {
-            let (speed, acceleration) = self.max_tip.unwrap_or_default();
-            self.max_tip = Some((
-                largest(speed, robot.V_WF_B(tip).linear),
-                largest(acceleration, robot.A_WF_B(tip).linear),
-            ));
+            let so_far = self.max_tip_speed.unwrap_or(0.0);
+            self.max_tip_speed = Some(largest(so_far, world.robot.V_WF_B(tip).linear));
+        }
+        if !self.figures.accelerations {
+            return;
+        }
+        world.robot.set_accelerations();
+        let robot = &world.robot;
+        if let Some(tip) = tip {
+            let so_far = self.max_tip_acceleration.unwrap_or(0.0);
+            self.max_tip_acceleration = Some(largest(so_far, robot.A_WF_B(tip).linear));
         }
         self.max_base_angular_acceleration = largest(
             self.max_base_angular_acceleration,
-            robot.A_WF_B(base).angular,
+            robot.A_WF_B(&robot.model().frames()[0]).angular,
         );
     }
 
     /// The figures of a run with wall time `wall_time` \[s\].
     pub fn summary(&self, world: &World, wall_time: f64) -> Summary {
         let X_WB = world.robot.X_WB();
+        let (momentum_residual, energy_residual) = match self.figures.residuals {
+            true => (
+                self.balance.momentum_residual(),
+                self.balance.energy_residual(),
+            ),
+            false => (MomentumResidual::UNKNOWN, f64::NAN),
+        };
         Summary {
             duration: self.time,
             tip_position_error: self.last_error.map(|e| e.0),
@@ -169,10 +228,10 @@ impl Performance {
             time_to_2deg: self.attitude_settled.since,
             base_displacement: (base_com(world) - self.initial_base).into(),
             base_attitude_rpy: roll_pitch_yaw_intrinsic(&X_WB.rotation),
-            momentum_residual: self.balance.momentum_residual(),
-            energy_residual: self.balance.energy_residual(),
-            max_tip_speed: self.max_tip.map(|m| m.0),
-            max_tip_acceleration: self.max_tip.map(|m| m.1),
+            momentum_residual,
+            energy_residual,
+            max_tip_speed: self.max_tip_speed,
+            max_tip_acceleration: self.max_tip_acceleration,
             loop_gap: self.loop_gap,
             max_base_angular_acceleration: self.max_base_angular_acceleration,
             targets: self.targets.summary(world),
@@ -190,6 +249,23 @@ fn base_com(world: &World) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn figures_are_found_in_the_names_of_results() {
+        let needed = |names: &[&str]| {
+            let figures = Figures::of_results(names.iter().copied());
+            [figures.residuals, figures.accelerations, figures.events]
+        };
+        assert_eq!(needed(&["tip_position_error", "final.q.j1"]), [false; 3]);
+        assert_eq!(needed(&["robots./a.energy_residual"]), [true, false, false]);
+        assert_eq!(
+            needed(&["momentum_residual.linear", "events[0].time"]),
+            [true, false, true]
+        );
+        for name in ["max_tip_acceleration", "max_base_angular_acceleration"] {
+            assert_eq!(needed(&[name]), [false, true, false]);
+        }
+    }
 
     #[test]
     fn settling_is_the_time_after_which_it_stays_below() {

@@ -5,8 +5,8 @@ use std::{collections::BTreeMap, path::Path};
 use serde::Serialize;
 
 use super::{
-    ClosedLoop, Event, EventWatch, FinalState, Fleet, MissionSummary, Performance, Recorded,
-    SimulatedBag, SimulatedImages, Summary,
+    ClosedLoop, Event, EventWatch, Figures, FinalState, Fleet, MissionSummary, Performance,
+    Recorded, SimulatedBag, SimulatedImages, Summary,
 };
 use crate::{
     bag::BagError, control::ConvergenceFailure, nodes::scenario::Scenario, vision::PoseFrame,
@@ -21,8 +21,9 @@ const DEFAULT_DURATION: f64 = 60.0;
 pub struct Observed {
     /// Its figures.
     pub performance: Performance,
-    /// Its events.
+    /// Its events; none if they are not wanted.
     pub events: EventWatch,
+    wants_events: bool,
     /// Since when \[s\] and why its tip does not converge, if it does not at the end.
     pub trouble: Option<(f64, ConvergenceFailure)>,
 }
@@ -152,7 +153,7 @@ pub fn simulate(
     mut bag: Option<&mut SimulatedBag>,
     mut watch: impl FnMut(&Fleet, &[Observed]) -> Result<(), Stop>,
 ) -> Result<Vec<Observed>, Stop> {
-    let mut observed = Observed::all(fleet);
+    let mut observed = Observed::all(fleet, Figures::ALL);
     let mut frames = Vec::new();
     loop {
         answer(fleet, &mut observed, &mut frames, bag.as_deref_mut())?;
@@ -175,10 +176,11 @@ pub(super) fn is_over(fleet: &Fleet, duration: f64) -> bool {
 }
 
 impl Observed {
-    /// Of the robots at the start.
-    pub(super) fn all(fleet: &Fleet) -> Vec<Self> {
+    /// Of the robots at the start, with these `figures`.
+    pub(super) fn all(fleet: &Fleet, figures: Figures) -> Vec<Self> {
         let observed = fleet.robots().map(|(_, closed_loop)| Self {
-            performance: Performance::new(&closed_loop.world),
+            performance: Performance::new(&closed_loop.world, figures),
+            wants_events: figures.events,
             events: EventWatch::default(),
             trouble: None,
         });
@@ -204,6 +206,7 @@ pub(super) fn answer(
         let Observed {
             performance,
             events,
+            wants_events,
             trouble,
         } = seen;
         let closed_loop = fleet.robot(i);
@@ -213,7 +216,9 @@ pub(super) fn answer(
         }
         let answered = closed_loop.answer::<Stop>(frames, |world, moment| {
             performance.see(world, moment);
-            events.see(world);
+            if *wants_events {
+                events.see(world);
+            }
             *trouble = moment.trouble().map(|now| {
                 let since = trouble.map_or(time, |(since, _)| since);
                 (since, now)

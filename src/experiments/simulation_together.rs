@@ -1,7 +1,7 @@
 //! Several runs at the same time in one thread: the integration steps of their plants are computed in SIMD lanes.
 
 use super::{
-    Fleet,
+    Figures, Fleet,
     simulation::{Observed, Stop, answer, is_over},
 };
 use crate::{dynamics::Together, nodes::dynamics::HeldTick, vision::PoseFrame};
@@ -64,14 +64,16 @@ impl Run<'_> {
 }
 
 /// Simulates each fleet up to its duration \[s\], the last state included, as [`simulate`](super::simulation::simulate)
-/// does, with the same results to the bit. `watch` sees every state of each, which it is told by number.
+/// does, with the same results to the bit; of the figures that are costly, those that are wanted. `watch` sees every state of
+/// each, which it is told by number.
 pub fn simulate_together(
     fleets: &mut [(Fleet, f64)],
+    figures: Figures,
     mut watch: impl FnMut(usize, &Fleet, &[Observed]) -> Result<(), Stop>,
 ) -> Vec<Result<Vec<Observed>, Stop>> {
     let mut lanes = None;
     let runs = fleets.iter_mut().map(|(fleet, duration)| Run {
-        observed: Observed::all(fleet),
+        observed: Observed::all(fleet, figures),
         duration: *duration,
         end: None,
         tick: None,

@@ -17,7 +17,7 @@ use super::{
 };
 use crate::{
     experiments::{
-        Fleet, simulate_together,
+        Figures, Fleet, simulate_together,
         simulation::{self, Observed, Stop},
     },
     nodes::scenario::Scenario,
@@ -250,7 +250,8 @@ impl Campaign {
         let limit = Duration::try_from_secs_f64(self.time_limit()).unwrap_or(Duration::MAX);
         let start = Instant::now();
         let mut is_late = false;
-        let ends = simulate_together(&mut fleets, |_, _, _| {
+        let needed = Figures::of_results(self.results.iter().map(|column| column.name.as_str()));
+        let ends = simulate_together(&mut fleets, needed, |_, _, _| {
             is_late |= start.elapsed() > limit;
             match is_late {
                 true => Err(Stop::Watcher(String::new())),

@@ -375,6 +375,26 @@ fn runs_together_are_those_alone() {
     assert!(verdicts.contains(&Verdict::Success) || verdicts.contains(&Verdict::Failure));
 }
 
+// Runs together compute only the figures that are kept or judged, runs alone all: this fails if one of the former is left out.
+#[test]
+fn kept_figures_of_runs_together_are_those_alone() {
+    for lines in [
+        "keep: {results: [tip_position_error, max_tip_speed, 'final.base_position[0]']}",
+        "keep: {results: [max_tip_acceleration]}",
+        "keep: {results: [max_base_angular_acceleration]}",
+        "keep: {results: [momentum_residual.angular]}",
+        "keep: {results: [tip_attitude_error]}\nsuccess: ['energy_residual < 1.0']",
+    ] {
+        let campaign = campaign(2, 0.2, lines).unwrap();
+        let together = campaign.run_together(&[0, 1], None).unwrap();
+        for (row, run) in together.iter().zip([0, 1]) {
+            let alone = campaign.run_one(run, None).unwrap();
+            assert!(row.results.iter().all(|cell| cell.number().is_some()));
+            assert_eq!((&row.results, row.verdict), (&alone.results, alone.verdict));
+        }
+    }
+}
+
 #[test]
 fn runs_together_that_take_too_long_are_rows() {
     let campaign = campaign(2, 60.0, "time_limit: 1.0e-6").unwrap();
