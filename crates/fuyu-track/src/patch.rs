@@ -1,7 +1,8 @@
 //! The surroundings of a point at its first sight, and where they are in another image.
 //!
 //! Inverse compositional alignment of an affine map (Baker and Matthews 2004), with mean and contrast matched in every iteration, so that
-//! shading may change.
+//! shading may change. Pixels near the middle count more: perspective bends the map of a surface that turns away from the camera, and
+//! an affine map fitted to all of a window alike would be off in its middle, by the square of the window's size.
 
 use nalgebra::{Matrix2, Matrix6, SVector, Vector2, Vector6};
 
@@ -11,6 +12,8 @@ use crate::image::sample;
 const ITERATIONS: usize = 12;
 /// Largest step of the last iteration \[px\]; what remains is a fraction of it.
 const CONVERGED: f64 = 0.03;
+/// Standard deviation of the normal distribution that weights the pixels of a patch, over its radius.
+const WEIGHT_WIDTH: f32 = 0.5;
 /// Least standard deviation of the values of a patch \[grey values\].
 const LEAST_CONTRAST: f32 = 1.5;
 
@@ -81,7 +84,7 @@ fn floor(x: f32) -> i32 {
 pub(crate) struct Patch {
     radius: i32,
     values: Vec<f32>,
-    /// Change of each value with the six parameters.
+    /// Change of each value with the six parameters, times the value's weight.
     descent: Vec<SVector<f32, 6>>,
     inverse_hessian: Matrix6<f64>,
 }
@@ -113,18 +116,17 @@ impl Patch {
             }
         }
         let (_, deviation) = normalize(&mut values)?;
-        let descent: Vec<_> = gradients
-            .into_iter()
-            .map(|(x, y, gx, gy)| {
-                let (gx, gy) = (gx / deviation, gy / deviation);
-                SVector::<f32, 6>::from([gx * x, gx * y, gy * x, gy * y, gx, gy])
-            })
-            .collect();
+        let width = WEIGHT_WIDTH * radius as f32;
         let mut hessian = Matrix6::<f64>::zeros();
-        for d in &descent {
-            let d: Vector6<f64> = d.cast();
-            hessian.ger(1.0, &d, &d, 1.0);
-        }
+        let descent = gradients.into_iter().map(|(x, y, gx, gy)| {
+            let (gx, gy) = (gx / deviation, gy / deviation);
+            let change = SVector::<f32, 6>::from([gx * x, gx * y, gy * x, gy * y, gx, gy]);
+            let weight = (-0.5 * (x * x + y * y) / (width * width)).exp();
+            let d: Vector6<f64> = change.cast();
+            hessian.ger(f64::from(weight), &d, &d, 1.0);
+            change * weight
+        });
+        let descent = descent.collect();
         Some(Self {
             radius,
             values,
