@@ -123,9 +123,10 @@ fn ids_stay_with_their_points_and_the_estimator_finds_the_motion() {
             sights.len(),
             off.len()
         );
-        // Another corner is at least the spacing of 7 px away. Where a panel passes behind the body, some points slide (docs/images.md).
+        // Another corner is at least the spacing of 7 px away. At edges of shadows, and where a panel passes behind the body, some points
+        // slide (docs/images.md).
         assert!(jump < 5.0, "{jump}");
-        assert!(median < 1.5 && many < 4.0, "{median} {many}");
+        assert!(median < 0.5 && many < 1.5, "{median} {many}");
         // What the camera knows is next to it, not in it.
         let truth = read::<FeatureTracks>(&bag, "/ground_truth/features");
         assert!(truth.iter().all(|frame| frame.ids.len() <= 20));
@@ -149,8 +150,8 @@ fn ids_stay_with_their_points_and_the_estimator_finds_the_motion() {
             "angular velocity off by {error:.5} of {:.3} rad/s",
             truth.norm()
         );
-        // Five images a second of half a turn, from a distance, determine little: 15 to 50 %. Wrong axes give more than 100 %.
-        assert!(error < 0.75 * truth.norm(), "{w_W} {truth}");
+        // Usually 2 %. Wrong axes give more than 100 %.
+        assert!(error < 0.1 * truth.norm(), "{w_W} {truth}");
     });
 }
 
