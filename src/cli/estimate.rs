@@ -14,7 +14,8 @@ use crate::{
         bundle::{self, CameraMotion, KnownLength, Orbit, Widths},
         estimate, fit_rates, from_rates,
     },
-    experiments::{Observations, ObservedTracks},
+    experiments::{Observations, ObservedTracks, Tracking},
+    nodes::tracker::TrackerParams,
     vision::{Distortion, Pinhole},
 };
 
@@ -27,9 +28,26 @@ use crate::{
 /// options give.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Bag (folder or .mcap file) or CSV file
+    /// Bag (folder or .mcap file), CSV file, or with --track a folder of PNG files
     #[arg(value_name = "INPUT")]
     input: PathBuf,
+    /// Track points in images: those on camera/image_raw (or its compressed ones) of a bag, or the PNG files of a folder
+    #[arg(long)]
+    track: bool,
+    /// Images per second of a folder of PNG files in order of their names; without it, names are times in seconds, or in
+    /// nanoseconds of 16 digits or more
+    #[arg(long, value_name = "HZ", requires = "track", value_parser = super::positive)]
+    frame_rate: Option<f64>,
+    /// Where the target is in the images: a PNG file for all of them, or for a folder of images a folder of PNG files with the same
+    /// names; what is not 0 is the target
+    #[arg(long, value_name = "PNG", requires = "track")]
+    mask: Option<PathBuf>,
+    /// Value of the target in --mask, or without --mask in camera/segmentation of a bag
+    #[arg(long, value_name = "ID", requires = "track", value_parser = clap::value_parser!(u16).range(1..))]
+    mask_id: Option<u16>,
+    /// Write the tracked points to a table t,id,u,v, which `fuyu estimate` reads
+    #[arg(long, value_name = "CSV", requires = "track")]
+    tracks: Option<PathBuf>,
     /// bundle (default for tracks), maximum_likelihood (default for angular velocity) or masutani1995
     #[arg(long, value_name = "METHOD", value_parser = method)]
     method: Option<EstimationMethod>,
@@ -149,7 +167,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             args.predict, args.predict_rate
         )));
     }
-    let observations = Observations::read(&args.input).map_err(Failure::Input)?;
+    let observations = match args.track {
+        true => Observations::track(&args.input, &tracking(args)),
+        false => Observations::read(&args.input),
+    };
+    let observations = observations.map_err(Failure::Input)?;
+    if let (Some(path), Observations::Tracks(observed)) = (&args.tracks, &observations) {
+        (observed.write_csv(path)).map_err(|e| Failure::Input(format!("--tracks: {e}")))?;
+    }
     let found = match &observations {
         Observations::Tracks(observed) => from_tracks(args, observed)?,
         Observations::AngularVelocity(rates) => from_angular_velocities(args, rates)?,
@@ -163,6 +188,17 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let json = serde_json::to_string(&report);
     print(&(json.map_err(|e| Failure::Runtime(e.to_string()))? + "\n"))
+}
+
+fn tracking(args: &Args) -> Tracking {
+    Tracking {
+        params: TrackerParams {
+            mask_id: args.mask_id,
+            ..TrackerParams::default()
+        },
+        frame_rate: args.frame_rate,
+        mask: args.mask.clone(),
+    }
 }
 
 fn from_angular_velocities(args: &Args, rates: &[(f64, Vector3<f64>)]) -> Result<Found, Failure> {

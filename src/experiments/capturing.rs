@@ -10,6 +10,7 @@ use crate::{
     },
     dynamics::State,
     model::{Frame, Model},
+    msg::fuyu_msgs::FeatureTracks,
     nodes::{
         camera::{TargetCamera, camera_frame, pinhole},
         dynamics::{FreeBody as _, World, imu},
@@ -17,6 +18,7 @@ use crate::{
         mission::{Fingers, Grip, forecast},
         scenario::Scenario,
         tip_frame,
+        topics::Topic,
     },
     ros::Time,
     spatial::Pose,
@@ -193,6 +195,11 @@ impl Capturing {
     /// Index of the target among those of the world.
     pub fn target(&self) -> usize {
         self.target
+    }
+
+    /// Topic on which the camera publishes features.
+    pub fn topic_of_features(&self) -> Topic<FeatureTracks> {
+        self.target_camera.topic()
     }
 
     /// The load on the grasp.

@@ -14,6 +14,7 @@ use crate::{
     },
     dynamics::Workspace,
     model::Frame,
+    msg::fuyu_msgs::FeatureTracks,
     nodes::{
         attitude::AttitudeLoop,
         camera::{TargetCamera, camera_frame, second_camera},
@@ -22,6 +23,7 @@ use crate::{
         geometry::{message_round_trip, with_matrix},
         scenario::Scenario,
         tip_frame,
+        topics::Topic,
     },
     ros::Time,
     spatial::Pose,
@@ -204,10 +206,13 @@ impl ClosedLoop {
         self.operated.is_some()
     }
 
-    /// Whether the camera tracks feature points of a target.
-    pub fn tracks_target(&self) -> bool {
-        let target = self.servo.as_ref().and_then(|servo| servo.target.as_ref());
-        target.is_some() || self.capturing.is_some()
+    /// Topic on which the camera publishes feature points, if it tracks those of a target.
+    pub fn topic_of_features(&self) -> Option<Topic<FeatureTracks>> {
+        if let Some(capturing) = &self.capturing {
+            return Some(capturing.topic_of_features());
+        }
+        let target = self.servo.as_ref()?.target.as_ref()?;
+        Some(target.target_camera.topic())
     }
 
     /// Runs camera and controller for the present state, then calls `observe`: the new efforts are set, time has not

@@ -65,7 +65,7 @@ pub use final_state::{
 pub use fleet::Fleet;
 pub use grasp_load::GraspLoad;
 pub use mission_summary::{MissionSummary, PhaseSummary, mission_lines};
-pub use observations::{Observations, ObservedTracks};
+pub use observations::{Observations, ObservedTracks, Tracking};
 pub use operated::{Drive, Operated};
 pub use other_bodies::OtherBodies;
 pub use performance::{Figures, Performance, Summary};

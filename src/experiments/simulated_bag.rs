@@ -278,9 +278,9 @@ impl RobotTopics {
                 Some(ServoTopics {
                     tip_pose: w.add(&topics::TIP_POSE)?,
                     goal_pose: w.add(&topics::MEASURED_GOAL)?,
-                    features: match run.tracks_target() {
-                        true => Some(w.add(&topics::FEATURES)?),
-                        false => None,
+                    features: match run.topic_of_features() {
+                        Some(topic) => Some(w.add(&topic)?),
+                        None => None,
                     },
                     commands: w.add(&topics::JOINT_COMMANDS)?,
                     state: match run.capturing() {

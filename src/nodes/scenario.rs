@@ -23,6 +23,7 @@ use super::{
     sampled_loop::{self, Delay},
     teleop::TeleopParams,
     tip_frame,
+    tracker::TrackerParams,
     views::ViewsParams,
 };
 use crate::{
@@ -332,6 +333,7 @@ impl Scenario {
                 robot.map_or(Ok(()), |robot| params.mission(&robot).map(drop).map_err(at))
             }
             "estimator" => self.parameters_of(name, EstimatorParams::declare).map(drop),
+            "tracker" => self.parameters_of(name, TrackerParams::declare).map(drop),
             "views" => {
                 let params = self.parameters_of(name, |d| Ok(ViewsParams::declare(d)));
                 params.map(drop)
@@ -343,7 +345,8 @@ impl Scenario {
         }
     }
 
-    /// What is valid but will not work: a line per control loop that is unstable because it is sampled. `in_one_thread` is
+    /// What is valid but will not work: a line per control loop that is unstable because it is sampled, and per two sources of features.
+    /// `in_one_thread` is
     /// a run as `fuyu simulate` does it, in which every state is answered at once; then also a line per kind of repair in
     /// each robot description.
     pub fn warnings(&self, in_one_thread: bool) -> Vec<String> {
@@ -380,8 +383,23 @@ impl Scenario {
             let dynamics = self.dynamics_of(name.namespace());
             dynamics.map_or_else(Vec::new, |dynamics| dynamics.repairs())
         });
+        let trackers = self.nodes.iter().filter(|n| n.name() == "tracker");
+        let of_tracker = |name: &NodeName| {
+            let cameras = (self.nodes.iter()).filter(|n| n.name() == "camera");
+            let mut cameras = cameras.filter(|n| n.namespace() == name.namespace());
+            let camera = cameras.next()?;
+            let params = self.parameters_of(camera, CameraParams::declare).ok()?;
+            let both = params.features.is_some_and(|features| !features.is_truth);
+            both.then(|| {
+                format!(
+                    "{}: nodes {camera} and {name} both publish camera/features; set features.ground_truth of the camera to true, or features.target to ''",
+                    self.path.display()
+                )
+            })
+        };
         (repairs.chain(controllers.filter_map(warning)))
             .chain(attitudes.filter_map(of_attitude))
+            .chain(trackers.filter_map(of_tracker))
             .collect()
     }
 

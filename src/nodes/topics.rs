@@ -131,15 +131,17 @@ topics! {
     /// Calibration of the camera.
     CAMERA_INFO: Topic<CameraInfo> = "camera/camera_info", LATCHED, ["camera"] => ["estimator"];
     /// Feature points of the target in the image.
-    FEATURES: Topic<FeatureTracks> = "camera/features", SENSOR_DATA, ["camera"] => ["estimator"];
+    FEATURES: Topic<FeatureTracks> = "camera/features", SENSOR_DATA, ["camera", "tracker"] => ["estimator"];
+    /// The same from the truth, if a tracker publishes what it finds in images.
+    TRUE_FEATURES: Topic<FeatureTracks> = "ground_truth/features", SENSOR_DATA, ["camera"] => ["recorder"];
     /// What the camera sees.
-    IMAGE: Topic<Image> = "camera/image_raw", SENSOR_DATA, ["camera"] => ["you"];
+    IMAGE: Topic<Image> = "camera/image_raw", SENSOR_DATA, ["camera"] => ["tracker"];
     /// The same, compressed.
     COMPRESSED_IMAGE: Topic<CompressedImage> = "camera/image_raw/compressed", SENSOR_DATA, ["camera"] => ["you"];
     /// Distance along the optical axis in every pixel.
     DEPTH: Topic<Image> = "camera/depth", SENSOR_DATA, ["camera"] => ["you"];
     /// Which body every pixel sees.
-    SEGMENTATION: Topic<Image> = "camera/segmentation", SENSOR_DATA, ["camera"] => ["you"];
+    SEGMENTATION: Topic<Image> = "camera/segmentation", SENSOR_DATA, ["camera"] => ["tracker"];
     /// Calibration of the left camera of a pair.
     LEFT_CAMERA_INFO: Topic<CameraInfo> = "camera/left/camera_info", LATCHED, ["camera"] => ["you"];
     /// What the left camera of a pair sees.

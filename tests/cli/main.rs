@@ -21,6 +21,7 @@ mod input_files;
 mod inspect;
 mod mission;
 mod reproduce;
+mod tracked_images;
 mod tracking;
 mod two_servicers;
 mod views;

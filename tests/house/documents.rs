@@ -18,13 +18,14 @@ use crate::{
 
 /// The nodes whose sources the declarations are compared with. The recorder takes any topic.
 #[cfg(feature = "ros")]
-const CHECKED: [&str; 8] = [
+const CHECKED: [&str; 9] = [
     "dynamics",
     "camera",
     "controller",
     "attitude",
     "estimator",
     "mission",
+    "tracker",
     "teleop",
     "views",
 ];

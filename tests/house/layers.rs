@@ -13,7 +13,7 @@ use crate::{
 type Layer = (&'static str, &'static [&'static str]);
 
 /// The modules of each package, the lowest first.
-const LAYERS: [(&str, &[Layer]); 7] = [
+const LAYERS: [(&str, &[Layer]); 8] = [
     (
         "fuyu-physics",
         &[
@@ -116,6 +116,21 @@ const LAYERS: [(&str, &[Layer]); 7] = [
         ],
     ),
     (
+        "fuyu-track",
+        &[
+            ("image", &[]),
+            ("settings", &[]),
+            ("region", &["image", "settings"]),
+            ("patch", &["image"]),
+            ("rigid", &[]),
+            ("corners", &["image", "region", "settings"]),
+            (
+                "tracker",
+                &["image", "settings", "region", "patch", "rigid", "corners"],
+            ),
+        ],
+    ),
+    (
         "fuyu-structures",
         &[
             ("error", &[]),
@@ -191,6 +206,7 @@ fn physics_uses_no_files_environment_network_processes_or_threads() {
         "fuyu-lti",
         "fuyu-campaign",
         "fuyu-render",
+        "fuyu-track",
     ];
     for source in sources().iter().filter(|s| physics.contains(&s.package)) {
         for name in source.names_below("std") {
@@ -236,6 +252,11 @@ fn physics_depends_on_no_ros_and_ros_on_no_physics() {
             "fuyu-render",
             "rayon",
             &["fuyu-physics", "fuyu-ros", "rustdds", "wgpu"],
+        ),
+        (
+            "fuyu-track",
+            "optical-flow-lk",
+            &["fuyu-physics", "fuyu-ros", "fuyu-render", "rustdds"],
         ),
         (
             "fuyu-ros",

@@ -17,7 +17,7 @@ pub fn read(path: impl AsRef<Path>) -> String {
 }
 
 /// Names of the packages of the workspace and their folders.
-pub const PACKAGES: [(&str, &str); 7] = [
+pub const PACKAGES: [(&str, &str); 8] = [
     ("fuyu", ""),
     ("fuyu-campaign", "crates/fuyu-campaign"),
     ("fuyu-lti", "crates/fuyu-lti"),
@@ -25,6 +25,7 @@ pub const PACKAGES: [(&str, &str); 7] = [
     ("fuyu-render", "crates/fuyu-render"),
     ("fuyu-ros", "crates/fuyu-ros"),
     ("fuyu-structures", "crates/fuyu-structures"),
+    ("fuyu-track", "crates/fuyu-track"),
 ];
 
 /// One Rust file below the `src` of a package.

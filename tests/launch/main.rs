@@ -51,6 +51,7 @@ mod simulation_control;
 mod survival;
 mod switching;
 mod teleop;
+mod tracker;
 mod tumbling;
 mod two_servicers;
 mod wrenches;

@@ -9,6 +9,7 @@ pub fn binary(name: &str) -> &'static str {
         "controller" => env!("CARGO_BIN_EXE_controller"),
         "mission" => env!("CARGO_BIN_EXE_mission"),
         "estimator" => env!("CARGO_BIN_EXE_estimator"),
+        "tracker" => env!("CARGO_BIN_EXE_tracker"),
         "teleop" => env!("CARGO_BIN_EXE_teleop"),
         "attitude" => env!("CARGO_BIN_EXE_attitude"),
         "recorder" => env!("CARGO_BIN_EXE_recorder"),

@@ -1,37 +1,42 @@
-//! Observations from a bag: `camera/features` with the camera's calibration, and the base's gyro with the mounting of
+//! Observations from a bag: `camera/features`, or features tracked in its images, with the camera's calibration, and the base's gyro with the mounting of
 //! the camera.
 
 use std::{collections::BTreeMap, path::Path};
 
 use nalgebra::Vector3;
 
-use super::ObservedTracks;
+use super::{ObservedTracks, Tracking, masks::Masks};
 use crate::{
     bag::{Bag, BagError, Message},
+    control::StampPairs,
     estimation::Tracks,
     msg::{
         fuyu_msgs::FeatureTracks,
-        sensor_msgs::{CameraInfo, Imu},
+        sensor_msgs::{CameraInfo, CompressedImage, Image, Imu},
     },
     nodes::{
         estimator::{StaticRotations, variance_of},
         features::{camera_from_msg, feature_frame_from_msg},
         geometry::vector_from_msg,
+        tracker::{Grey, ImageTracker, mask_of},
     },
     ros::Time,
     vision::{Distortion, FeatureFrame, Pinhole},
 };
 
 const FEATURES: &str = "/camera/features";
+const SEGMENTATION: &str = "/camera/segmentation";
 
-/// Reads the features of the one camera in a bag.
+/// Reads the features of the one camera in a bag, or tracks them in its images.
 ///
 /// # Errors
 /// A line that names the bag and the topic.
-pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
+pub(super) fn read(path: &Path, tracking: Option<&Tracking>) -> Result<ObservedTracks, String> {
+    let through = tracking.map(|t| Through::new(path, t)).transpose()?;
     let bag = Bag::open(path).map_err(|e| e.to_string())?;
     let mut robots: BTreeMap<String, Recorded> = BTreeMap::new();
     let mut frames = StaticRotations::default();
+    let mut has_images = false;
     for message in bag.messages() {
         let topic = &message.topic.name;
         let at = |e: String| format!("{}: {topic}: {e}", path.display());
@@ -39,18 +44,47 @@ pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
             decode(&message).and_then(|m| frames.take(m)).map_err(at)?;
         }
         for (suffix, take) in TOPICS {
+            if suffix == FEATURES && tracking.is_some() {
+                continue;
+            }
             if let Some(namespace) = topic.strip_suffix(suffix) {
                 let robot = robots.entry(namespace.to_owned()).or_default();
                 take(robot, &message).map_err(at)?;
             }
         }
+        for (suffix, decode) in IMAGES {
+            if let (Some(through), Some(namespace)) = (&through, topic.strip_suffix(suffix)) {
+                let robot = robots.entry(namespace.to_owned()).or_default();
+                (robot.see(suffix, through, &message, decode)).map_err(at)?;
+            }
+            has_images |= topic.ends_with(suffix);
+        }
+        if let (Some(through), Some(namespace)) = (&through, topic.strip_suffix(SEGMENTATION))
+            && let Some(id) = through.mask_id
+        {
+            let robot = robots.entry(namespace.to_owned()).or_default();
+            robot.see_mask(id, &message).map_err(at)?;
+        }
     }
+    let needs_masks = through.as_ref().is_some_and(|t| t.mask_id.is_some());
+    let has_masks = robots.values().any(|robot| robot.has_masks);
     robots.retain(|_, robot| !robot.frames.is_empty());
     let mut robots = robots.into_iter();
     let at = |e: String| format!("{}: {e}", path.display());
     match (robots.next(), robots.next()) {
+        (None, _) if needs_masks && !has_masks => Err(at(format!(
+            "holds no message on {SEGMENTATION} (sensor_msgs/msg/Image), which --mask-id needs"
+        ))),
+        (None, _) if tracking.is_some() => Err(at(format!(
+            "holds no points of a body that could be tracked on {} or {}",
+            IMAGES[0].0, IMAGES[1].0
+        ))),
         (None, _) => Err(at(format!(
-            "holds no message on {FEATURES} (fuyu_msgs/msg/FeatureTracks)"
+            "holds no message on {FEATURES} (fuyu_msgs/msg/FeatureTracks){}",
+            match has_images {
+                true => "; with --track, points are tracked through its images",
+                false => "",
+            }
         ))),
         (Some((a, _)), Some((b, _))) => Err(at(format!(
             "holds features of two cameras, {a}{FEATURES} and {b}{FEATURES}; give a bag of one"
@@ -82,6 +116,44 @@ struct Recorded {
     /// Angular velocity of the inertial measurement unit in its own axes, over time.
     gyro: Vec<(f64, Vector3<f64>)>,
     gyro_frame: String,
+    /// Of images, with the topic that they come from.
+    tracker: Option<(&'static str, ImageTracker)>,
+    /// Time of the last image \[s\].
+    last_image: Option<f64>,
+    /// Images and masks that wait for each other.
+    pairs: StampPairs<Time, Image, Grey>,
+    has_masks: bool,
+}
+
+/// How images are tracked.
+struct Through<'a> {
+    tracking: &'a Tracking,
+    /// Of the target in the bag's segmentation.
+    mask_id: Option<u16>,
+    /// The same for all images.
+    mask: Option<Grey>,
+}
+
+impl<'a> Through<'a> {
+    fn new(bag: &Path, tracking: &'a Tracking) -> Result<Self, String> {
+        let id = tracking.params.mask_id;
+        let mask = match Masks::new(tracking.mask.as_deref(), id)? {
+            Masks::None => None,
+            Masks::Same(mask) => Some(mask),
+            Masks::Files(folder, _) => {
+                return Err(format!(
+                    "{}: is a folder, and the images of the bag {} have no names; --mask must be one PNG file, or --mask-id alone uses {SEGMENTATION}",
+                    folder.display(),
+                    bag.display()
+                ));
+            }
+        };
+        Ok(Self {
+            tracking,
+            mask_id: id.filter(|_| mask.is_none()),
+            mask,
+        })
+    }
 }
 
 type Take = fn(&mut Recorded, &Message) -> Result<(), String>;
@@ -118,7 +190,88 @@ const TOPICS: [(&str, Take); 3] = [
     }),
 ];
 
+/// Topics with images, and how a message becomes one.
+const IMAGES: [(&str, DecodeImage); 2] = [
+    ("/camera/image_raw", |message| decode(message)),
+    ("/camera/image_raw/compressed", |message| {
+        let compressed: CompressedImage = decode(message)?;
+        let decoded = image::load_from_memory(&compressed.data)
+            .map_err(|e| format!("data of format '{}': {e}", compressed.format))?;
+        let grey = decoded.into_luma8();
+        let (width, height) = grey.dimensions();
+        Ok(Image {
+            header: compressed.header,
+            width,
+            height,
+            encoding: "mono8".to_owned(),
+            step: width,
+            data: grey.into_raw(),
+            ..Image::default()
+        })
+    }),
+];
+
+type DecodeImage = fn(&Message) -> Result<Image, String>;
+
 impl Recorded {
+    /// Tracks into an image, once it has its mask, unless images of another topic came first.
+    fn see(
+        &mut self,
+        topic: &'static str,
+        through: &Through,
+        message: &Message,
+        decode: DecodeImage,
+    ) -> Result<(), String> {
+        if self.tracker.is_none() {
+            let params = through.tracking.params.clone();
+            let tracker = ImageTracker::new(params).map_err(|e| e.to_string())?;
+            self.tracker = Some((topic, tracker));
+        }
+        if (self.tracker.as_ref()).is_none_or(|(used, _)| *used != topic) {
+            return Ok(());
+        }
+        let image = decode(message)?;
+        if through.mask_id.is_none() {
+            return self.track(&image, through.mask.as_ref());
+        }
+        let stamp = Time::from(&image.header.stamp);
+        self.pairs.push_first(stamp, image);
+        self.track_pairs()
+    }
+
+    fn see_mask(&mut self, id: u16, message: &Message) -> Result<(), String> {
+        let segmentation: Image = decode(message)?;
+        let stamp = Time::from(&segmentation.header.stamp);
+        self.pairs.push_second(stamp, mask_of(&segmentation, id)?);
+        self.has_masks = true;
+        self.track_pairs()
+    }
+
+    fn track_pairs(&mut self) -> Result<(), String> {
+        while let Some((_, image, mask)) = self.pairs.pop() {
+            self.track(&image, Some(&mask))?;
+        }
+        Ok(())
+    }
+
+    fn track(&mut self, image: &Image, mask: Option<&Grey>) -> Result<(), String> {
+        let Some((_, tracker)) = &mut self.tracker else {
+            return Ok(());
+        };
+        let time = Time::from(&image.header.stamp).as_secs_f64();
+        // An image that was published twice is in the bag twice.
+        if self.last_image.is_some_and(|last| time <= last) {
+            return Ok(());
+        }
+        let features = tracker.track(image, mask)?;
+        self.last_image = Some(time);
+        if !features.ids.is_empty() {
+            self.frames.push(feature_frame_from_msg(&features)?);
+        }
+        self.camera_frame = features.header.frame_id;
+        Ok(())
+    }
+
     /// Random walk of the integrated gyro: the samples' deviation times the root of their interval \[rad/√s\].
     fn gyro_noise(&self) -> Option<f64> {
         let (first, last) = (self.gyro.first()?, self.gyro.last()?);

@@ -2,13 +2,20 @@
 
 mod bag;
 mod csv;
+mod images;
+mod masks;
+mod png;
 
-use std::path::Path;
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+};
 
 use nalgebra::Vector3;
 
 use crate::{
     estimation::Tracks,
+    nodes::tracker::TrackerParams,
     vision::{Distortion, Pinhole},
 };
 
@@ -19,6 +26,19 @@ pub enum Observations {
     Tracks(ObservedTracks),
     /// Angular velocity over time: time \[s\] and components in the camera's axes \[rad/s\].
     AngularVelocity(Vec<(f64, Vector3<f64>)>),
+}
+
+/// How points are tracked through recorded images.
+#[derive(Debug, Clone, Default)]
+pub struct Tracking {
+    /// Of the tracker. With `mask_id`, the target is what has this value in the masks: the files of `mask`, or `camera/segmentation` of
+    /// a bag.
+    pub params: TrackerParams,
+    /// Images per second of a folder of PNG files \[Hz\]; without it, the files' names are times.
+    pub frame_rate: Option<f64>,
+    /// A PNG file, the mask of all images, or a folder with one for every image of a folder, of the same name. What is not 0 is the
+    /// target.
+    pub mask: Option<PathBuf>,
 }
 
 /// Image points of one body, with calibration and rotation of the camera.
@@ -37,6 +57,23 @@ pub struct ObservedTracks {
     pub gyro_noise: Option<f64>,
 }
 
+impl ObservedTracks {
+    /// Writes the points to a table that [`Observations::read`] reads: t \[s\], id, u, v \[px\].
+    ///
+    /// # Errors
+    /// A line that names the file.
+    pub fn write_csv(&self, path: &Path) -> Result<(), String> {
+        let mut table = String::from("t,id,u,v\n");
+        for frame in self.tracks.frames() {
+            for f in &frame.features {
+                // Writing to a string cannot fail.
+                let _ = writeln!(table, "{},{},{},{}", frame.time, f.id, f.u, f.v);
+            }
+        }
+        std::fs::write(path, table).map_err(|e| format!("{}: {e}", path.display()))
+    }
+}
+
 impl Observations {
     /// Reads a bag (a folder or a `.mcap` file) or, any other file, a CSV table.
     ///
@@ -44,10 +81,28 @@ impl Observations {
     /// A line that names the file, and topic or line and column.
     pub fn read(path: &Path) -> Result<Self, String> {
         let is_bag = path.is_dir() || path.extension().is_some_and(|e| e == "mcap");
-        if is_bag {
-            bag::read(path).map(Self::Tracks)
+        if images::is_folder_of_images(path) {
+            let path = path.display();
+            Err(format!(
+                "{path}: is a folder of PNG files; with --track, points are tracked through them"
+            ))
+        } else if is_bag {
+            bag::read(path, None).map(Self::Tracks)
         } else {
             csv::read(path)
         }
+    }
+
+    /// Tracks points through the images on `camera/image_raw` (or `camera/image_raw/compressed`) of a bag, or through the PNG files of a
+    /// folder.
+    ///
+    /// # Errors
+    /// A line that names the file, and topic and field.
+    pub fn track(path: &Path, tracking: &Tracking) -> Result<Self, String> {
+        match images::is_folder_of_images(path) {
+            true => images::read(path, tracking),
+            false => bag::read(path, Some(tracking)),
+        }
+        .map(Self::Tracks)
     }
 }

@@ -13,6 +13,8 @@ pub struct FeatureParams {
     pub target: String,
     /// Its feature points.
     pub points: Vec<BodyPoint>,
+    /// Whether they are published as the truth, next to those that a tracker finds in the images.
+    pub is_truth: bool,
     /// Settings of camera and tracker.
     pub quality: FeatureCameraConfig,
 }
@@ -157,6 +159,13 @@ impl FeatureParams {
         ))
         .read_only()
         .value();
+        let is_truth = (declare.param(
+            "features.ground_truth",
+            false,
+            "Whether features are published on ground_truth/features instead of camera/features, where a tracker publishes its own",
+        ))
+        .read_only()
+        .value();
         let quality = FeatureQuality::declare(declare);
         if target.is_empty() {
             return Ok((None, quality));
@@ -171,6 +180,7 @@ impl FeatureParams {
         let params = Self {
             target,
             points,
+            is_truth,
             quality: quality.get(image),
         };
         Ok((Some(params), quality))

@@ -66,10 +66,11 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let lens = params.images.as_ref().and_then(ImageParams::main_lens);
     let mut tracked = match &params.features {
         None => None,
-        Some(features) => Some((
-            TargetCamera::new(features).with_lens(lens),
-            TargetTopics::new(node, &features.target)?,
-        )),
+        Some(features) => {
+            let camera = TargetCamera::new(features).with_lens(lens);
+            let topics = TargetTopics::new(node, &camera)?;
+            Some((camera, topics))
+        }
     };
     let mut camera = PoseCamera::new(params.quality.clone());
     let mut second = SecondArm::new(node, &params)?;

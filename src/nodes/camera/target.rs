@@ -23,17 +23,20 @@ pub struct TargetTopics {
 }
 
 impl TargetTopics {
-    /// Endpoints for the target called `target`.
+    /// Endpoints for the target that `camera` sees.
     ///
     /// # Errors
     /// When the node cannot subscribe or publish.
-    pub fn new(node: &Node, target: &str) -> Result<Self, NodeError> {
-        let odometry = topics::TARGET_ODOMETRY.subscribe(node, target)?;
+    pub fn new(node: &Node, camera: &TargetCamera) -> Result<Self, NodeError> {
+        let odometry = topics::TARGET_ODOMETRY.subscribe(node, &camera.target)?;
         let status = node.diagnostics().status("features");
         status.warn(format!("nothing has arrived on {} yet", odometry.topic()));
         Ok(Self {
             odometry,
-            features: topics::FEATURES.advertise(node)?,
+            features: match camera.is_truth {
+                true => topics::TRUE_FEATURES.advertise(node)?,
+                false => topics::FEATURES.advertise(node)?,
+            },
             truth: StampPairs::default(),
             status,
         })

@@ -5,6 +5,8 @@ use fuyu_render::Distortion;
 use super::feature_params::FeatureParams;
 use crate::{
     model::{Frame, Model},
+    msg::fuyu_msgs::FeatureTracks,
+    nodes::topics::{self, Topic},
     spatial::Pose,
     vision::{FeatureCamera, FeatureCameraConfig, FeatureFrame},
 };
@@ -16,6 +18,8 @@ pub const CAMERA_FRAME: &str = "camera_optical_frame";
 pub struct TargetCamera {
     /// The target's name.
     pub target: String,
+    /// Whether its features are published as the truth, next to those of a tracker.
+    pub is_truth: bool,
     camera: FeatureCamera,
 }
 
@@ -24,6 +28,7 @@ impl TargetCamera {
     pub fn new(params: &FeatureParams) -> Self {
         Self {
             target: params.target.clone(),
+            is_truth: params.is_truth,
             camera: FeatureCamera::new(params.quality.clone(), params.points.clone()),
         }
     }
@@ -36,7 +41,16 @@ impl TargetCamera {
         };
         Self {
             target: self.target,
+            is_truth: self.is_truth,
             camera: self.camera.with_lens(move |point| lens.distort(point)),
+        }
+    }
+
+    /// Topic of the features.
+    pub fn topic(&self) -> Topic<FeatureTracks> {
+        match self.is_truth {
+            true => topics::TRUE_FEATURES,
+            false => topics::FEATURES,
         }
     }
 

@@ -7,7 +7,7 @@ use crate::{
     nodes::{
         attitude::AttitudeParams, camera::CameraParams, controller::ControllerParams,
         dynamics::DynamicsParams, estimator::EstimatorParams, mission::MissionParams,
-        recorder::RecorderParams, teleop::TeleopParams, views::ViewsParams,
+        recorder::RecorderParams, teleop::TeleopParams, tracker::TrackerParams, views::ViewsParams,
     },
     ros::{Declare, NodeName, ParameterValue},
 };
@@ -28,6 +28,7 @@ fn declare(node: &str, declare: &mut Declare) -> Result<(), String> {
         "mission" => MissionParams::declare(declare).map(drop),
         "teleop" => TeleopParams::declare(declare).map(drop),
         "estimator" => EstimatorParams::declare(declare).map(drop),
+        "tracker" => TrackerParams::declare(declare).map(drop),
         "views" => {
             ViewsParams::declare(declare);
             Ok(())

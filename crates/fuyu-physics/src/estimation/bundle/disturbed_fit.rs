@@ -8,6 +8,7 @@ use super::adjust::{AdjustOptions, adjust, reduced_normal};
 use super::free_motion::SHAPE_SPREAD;
 use super::inlier_gate::{INLIER_GATE, gate_and_evaluate};
 use super::intrinsics::INTRINSICS;
+use super::lasting_errors::lasting_errors;
 use super::model_fit::{ModelFit, dispersion, refine_with_rounding};
 use super::other_shapes::other_shapes;
 use super::pixel_likelihood::PixelLikelihood;
@@ -42,6 +43,8 @@ pub struct DisturbedFit {
     pub point_covariances: Vec<Matrix3<f64>>,
     /// Statistics of the residuals.
     pub residuals: super::inlier_gate::Residuals,
+    /// Factor on the variance of the images for errors that last; the covariances include it.
+    pub lasting: f64,
     /// Poses by frame.
     pub poses: Vec<FramePose>,
     /// State at the last frame; its covariance is in units of `factor`, without inflation.
@@ -84,7 +87,8 @@ where
     }
     for _ in 0..ROUNDS {
         let residuals = gate_and_evaluate::<L, G, _>(scene, &model, &points, limit);
-        let variance = residuals.deviation.powi(2).max(f64::MIN_POSITIVE);
+        let lasting = lasting_errors::<L, G, _>(scene, &model, &points);
+        let variance = (lasting * residuals.deviation.powi(2)).max(f64::MIN_POSITIVE);
         let (hessian, gradient) = of_images::<L, G>(scene, &model, &points, &likelihood)?;
         let scales = best_scales(
             &(hessian / variance),
@@ -100,13 +104,14 @@ where
         cost = adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?.cost;
     }
     let residuals = gate_and_evaluate::<L, G, _>(scene, &model, &points, limit);
+    let lasting = lasting_errors::<L, G, _>(scene, &model, &points);
     let mut fit = ModelFit {
         motion: model,
         points,
         residuals,
         cost,
     };
-    let first = covariance_of::<L, G>(scene, &fit, &likelihood, false)?;
+    let first = covariance_of::<L, G>(scene, &fit, &likelihood, lasting, false)?;
     let deviations = fit.motion.deviations::<L, G>(fit.motion.scales);
     let share = |k: usize| (first.0[(k, k)] / deviations[k].max(1e-9).powi(2)).clamp(0.0, 1.0);
     fit.motion.held = (0..G).map(share).sum();
@@ -114,7 +119,7 @@ where
     let mut rounding = refine_with_rounding::<L, G, _>(scene, &mut fit, settings);
     let mut found = first.clone();
     if rounding != likelihood {
-        let refined = covariance_of::<L, G>(scene, &fit, &rounding, false);
+        let refined = covariance_of::<L, G>(scene, &fit, &rounding, lasting, false);
         let agrees = |refined: &(SMatrix<f64, G, G>, Vec<Matrix3<f64>>)| {
             differs_by::<L, G>(&by_least_squares.motion, &fit.motion, &first.0) < AGREEING
                 && refined.0.trace().is_finite()
@@ -128,10 +133,16 @@ where
         }
     }
     if with_points {
-        found.1 = covariance_of::<L, G>(scene, &fit, &rounding, true)?.1;
+        found.1 = covariance_of::<L, G>(scene, &fit, &rounding, lasting, true)?.1;
     }
     let (covariance, point_covariances) = found;
-    let others = other_shapes::<L, G>(scene, &by_least_squares, &covariance, settings.noise);
+    let others = other_shapes::<L, G>(
+        scene,
+        &by_least_squares,
+        &covariance,
+        settings.noise,
+        lasting,
+    );
     let model = fit.motion;
     let (motion, acceleration, by_common) = model.last_state::<G>();
     let of_state = |covariance: &SMatrix<f64, G, G>| -> StateCovariance {
@@ -174,6 +185,7 @@ where
         points: fit.points,
         point_covariances,
         residuals: fit.residuals,
+        lasting,
         model,
     })
 }
@@ -194,17 +206,19 @@ where
     Some((hessian, normal.gradient - weights.component_mul(&distances)))
 }
 
-/// Covariance of the common unknowns, and of the points if wanted.
+/// Covariance of the common unknowns, and of the points if wanted. `lasting` is the factor for errors that last.
 fn covariance_of<const L: usize, const G: usize>(
     scene: &Scene,
     fit: &ModelFit<Disturbed>,
     likelihood: &PixelLikelihood,
+    lasting: f64,
     with_points: bool,
 ) -> Option<(SMatrix<f64, G, G>, Vec<Matrix3<f64>>)>
 where
     Disturbed: PoseModel<L, G>,
 {
-    let variance = dispersion::<L, G, _>(scene, fit, likelihood).max(f64::MIN_POSITIVE);
+    let dispersion = dispersion::<L, G, _>(scene, fit, likelihood);
+    let variance = (lasting * dispersion).max(f64::MIN_POSITIVE);
     let normal =
         reduced_normal::<L, G, _>(scene, &fit.motion, &fit.points, likelihood, with_points)?;
     let (weights, _) = PoseModel::<L, G>::prior(&fit.motion);

@@ -23,6 +23,9 @@ use super::{BodyPoint, BodyPose, CentreMotion, Options, Solution};
 use crate::estimation::EstimateError;
 use crate::vision::Pinhole;
 
+/// Factor on the variance for errors that last from which a note says so.
+const NOTED: f64 = 4.0;
+
 /// Result of the global adjustment.
 pub struct GlobalFit {
     frames: Frames,
@@ -260,6 +263,7 @@ impl GlobalFit {
             points,
             point_covariances,
             residuals,
+            lasting,
             poses,
             mut state,
             centre: com,
@@ -291,6 +295,13 @@ impl GlobalFit {
             self.is_smooth,
             options.widths.acceleration,
         ));
+        if lasting > NOTED {
+            report.diagnosis.push(format!(
+                "the errors of the image points last from frame to frame, as those of a tracker do: standard deviations are {:.1} times as \
+                 large for it",
+                lasting.sqrt()
+            ));
+        }
         if inflation > 1.0 {
             report.diagnosis.push(format!(
                 "the motion leaves residuals of {:.2} px, independent poses {:.2} px: an error common to many frames (lens \

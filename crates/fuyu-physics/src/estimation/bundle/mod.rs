@@ -41,6 +41,7 @@ mod inlier_gate;
 mod intrinsics;
 mod key_frames;
 mod known_rotation;
+mod lasting_errors;
 mod linear_inertia;
 mod model_fit;
 mod other_shapes;

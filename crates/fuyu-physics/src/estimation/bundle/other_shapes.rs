@@ -40,12 +40,13 @@ pub struct OtherShapes<const G: usize> {
 }
 
 /// Fits bodies of other shapes, if the `covariance` of the common unknowns leaves the shape open. `None` if it does
-/// not, or no other body explains the images.
+/// not, or no other body explains the images. `lasting` is the factor on the variance of the images for errors that last.
 pub fn other_shapes<const L: usize, const G: usize>(
     scene: &Scene,
     fit: &ModelFit<Disturbed>,
     covariance: &SMatrix<f64, G, G>,
     noise: f64,
+    lasting: f64,
 ) -> Option<OtherShapes<G>>
 where
     Disturbed: PoseModel<L, G>,
@@ -68,7 +69,7 @@ where
         steps: 8,
         tolerance: 1e-5,
     };
-    let variance = fit.residuals.deviation.powi(2).max(f64::MIN_POSITIVE);
+    let variance = (lasting * fit.residuals.deviation.powi(2)).max(f64::MIN_POSITIVE);
     let of_images = |cost: f64, model: &Disturbed| {
         let (weights, distances) = PoseModel::<L, G>::prior(model);
         let of_shape: f64 = (0..5).map(|k| weights[k] * distances[k].powi(2)).sum();
