@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """The motion of a target from the pixels of a scenario's images, against what then happens.
 
-    estimate_from_images.py SCENARIO FOLDER [TEXT=>TEXT...] [-v]
+    estimate_from_images.py SCENARIO FOLDER [TEXT=>TEXT...] [--eclipse] [-v]
 
 Simulates 60 s of SCENARIO with images into FOLDER, and 120 s without; tracks points (`fuyu estimate --track --mask-id 2`) and predicts
-the next 60 s, from the tracked points and from the true features of the camera. TEXT=>TEXT replaces text of the scenario; -v prints the
-estimator's notes. Needs numpy and `fuyu` in the PATH (or FUYU).
+the next 60 s, from the tracked points and from the true features of the camera. TEXT=>TEXT replaces text of the scenario; --eclipse removes
+the points from 20 to 40 s, after which a tracker gives other ids; -v prints the estimator's notes. Needs numpy and `fuyu` in the PATH (or FUYU).
 """
 
 import json
@@ -24,7 +24,7 @@ FUYU = os.environ.get("FUYU", "fuyu")
 R_BC = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 END, PREDICTED = 60.0, 60.0
 # Of tracked points and of the camera's [px]; the estimator leaves out what is off by six times as much.
-TRACKED_NOISE, CAMERA_NOISE = 0.05, 0.3
+TRACKED_NOISE, CAMERA_NOISE = 0.1, 0.3
 
 
 def run(*command):
@@ -81,6 +81,16 @@ def predicted(points, gyro, truth, noise):
     return f"{angle:.2f} | {sigma:.2f} | {mahalanobis:.1f} | {found['rms']:.3f}"
 
 
+def without_eclipse(tracks):
+    """Writes the tracks of a target that was dark from 20 to 40 s, and gives the new file."""
+    rows = np.loadtxt(tracks, delimiter=",", skiprows=1).reshape(-1, 4)
+    before, after = rows[rows[:, 0] < 20.0], rows[rows[:, 0] > 40.0]
+    after[:, 1] += rows[:, 1].max() + 1
+    path = tracks.with_name("eclipse.csv")
+    np.savetxt(path, np.vstack([before, after]), delimiter=",", header="t,id,u,v", comments="", fmt=["%.9f", "%d", "%.6f", "%.6f"])
+    return path
+
+
 def main():
     scenario, folder = Path(sys.argv[1]), Path(sys.argv[2])
     folder.mkdir(parents=True, exist_ok=True)
@@ -112,6 +122,8 @@ def main():
     print("| points | a frame | error after 60 s [deg] | sigma [deg] | Mahalanobis | residual [px] |")
     print("| --- | --- | --- | --- | --- | --- |")
     if tracks.exists():
+        if "--eclipse" in sys.argv:
+            tracks = without_eclipse(tracks)
         rows = np.loadtxt(tracks, delimiter=",", skiprows=1).reshape(-1, 4)
         print(f"| tracked | {len(rows) / len(np.unique(rows[:, 0])):.0f} | {predicted(tracks, gyro, truth, TRACKED_NOISE)} |")
     else:

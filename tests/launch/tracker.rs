@@ -1,6 +1,6 @@
 //! The tracker in the graph: from rendered images to points, and from them to the motion; and images that are wrong.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, time::Instant};
 
 use fuyu::{
     model::Model,
@@ -19,7 +19,7 @@ use serde_json::{Value, json};
 
 use crate::{
     lateness::repeat_if_late,
-    observer::diagnosed,
+    observer::{diagnosed, now, reported},
     peer::Peer,
     process::{GENTLE, Running, command, read, scenario},
     waiting::PATIENCE,
@@ -168,6 +168,21 @@ fn board(second: u32, shift: usize) -> Value {
     })
 }
 
+/// Publishes a wrong image until `expected` is reported: a best-effort message is lost if the tracker has not yet discovered its publisher.
+fn is_refused(peer: &mut Peer, image: &Value, expected: &str) {
+    let deadline = Instant::now() + PATIENCE;
+    let enough = |level: u64, text: &str| {
+        level == 2 && text.starts_with("/camera/image_raw: ") && text.contains(expected)
+    };
+    let is_reported = |peer: &mut Peer| {
+        publish(peer, image);
+        reported(peer, "tracker: images", now(), 2.0, enough).is_some()
+    };
+    while !is_reported(peer) {
+        assert!(Instant::now() < deadline, "not in diagnostics: {expected}");
+    }
+}
+
 fn publish(peer: &mut Peer, image: &Value) {
     peer.does(json!({
         "do": "publish", "topic": "camera/image_raw", "type": "sensor_msgs/msg/Image",
@@ -223,10 +238,7 @@ fn wrong_images_of_a_peer_are_reported_and_the_next_ones_are_tracked() {
     for (field, value, expected) in wrong {
         let mut image = board(1, 0);
         image[field] = value;
-        publish(&mut peer, &image);
-        diagnosed(&mut peer, "tracker: images", |level, text| {
-            level == 2 && text.starts_with("/camera/image_raw: ") && text.contains(expected)
-        });
+        is_refused(&mut peer, &image, expected);
     }
     // As usual; with rows of odd length; of 16 bits, the higher byte first; as a mosaic.
     publish(&mut peer, &board(2, 0));

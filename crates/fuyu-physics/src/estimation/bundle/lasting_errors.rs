@@ -1,6 +1,6 @@
 //! Errors of image points that last from frame to frame.
 //!
-//! A tracker that has aligned a point a little beside its place does so in the next frames as well. Such errors do not average out as
+//! A tracker that has aligned a point a little off its place does so in the next frames as well. Such errors do not average out as
 //! independent ones do: the variance of what many frames determine is larger by `1 + 2 (r_1 + r_2 + ...)` with their autocorrelation `r`
 //! (Bartlett 1946). It is measured in the residuals that a pose of each frame leaves, so that a motion that the model does
 //! not know does not count.
@@ -33,23 +33,25 @@ pub fn lasting_errors<const L: usize, const G: usize, M: PoseModel<L, G>>(
     if scene.is_rounded() {
         return 1.0;
     }
-    let mut courses: Vec<Vec<(usize, Vector2<f64>)>> = vec![Vec::new(); points.len()];
+    let mut series: Vec<Vec<(usize, Vector2<f64>)>> = vec![Vec::new(); points.len()];
     for i in 0..scene.len() {
-        for (point, residual) in beside_pose(scene, motion, points, i).unwrap_or_default() {
-            courses[point].push((i, residual));
+        for (point, residual) in
+            residuals_with_free_pose(scene, motion, points, i).unwrap_or_default()
+        {
+            series[point].push((i, residual));
         }
     }
-    of_courses(&courses)
+    of_series(&series)
 }
 
 /// The same for the residuals of each point, with their frames.
-fn of_courses(courses: &[Vec<(usize, Vector2<f64>)>]) -> f64 {
+fn of_series(all: &[Vec<(usize, Vector2<f64>)>]) -> f64 {
     let mut sums = [0.0; LAGS + 1];
     let mut count = 0.0;
-    for course in courses {
-        count += 2.0 * course.len() as f64;
-        for (k, (from, a)) in course.iter().enumerate() {
-            for (to, b) in &course[k..] {
+    for series in all {
+        count += 2.0 * series.len() as f64;
+        for (k, (from, a)) in series.iter().enumerate() {
+            for (to, b) in &series[k..] {
                 let Some(sum) = sums.get_mut(to - from) else {
                     break;
                 };
@@ -68,7 +70,7 @@ fn of_courses(courses: &[Vec<(usize, Vector2<f64>)>]) -> f64 {
 }
 
 /// Residuals of the inliers in frame `i` that a change of its pose would leave, with their points \[px\].
-fn beside_pose<const L: usize, const G: usize, M: PoseModel<L, G>>(
+fn residuals_with_free_pose<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &M,
     points: &[Vector3<f64>],
@@ -133,7 +135,7 @@ mod tests {
     #[test]
     fn independent_errors_change_nothing() {
         for memory in [0.0, 0.1] {
-            assert_eq!(of_courses(&courses(memory)), 1.0);
+            assert_eq!(of_series(&courses(memory)), 1.0);
         }
     }
 
@@ -142,7 +144,7 @@ mod tests {
     fn errors_that_last_count_less() {
         for memory in [0.5, 0.9] {
             let expected = (1.0 + memory) / (1.0 - memory);
-            let factor = of_courses(&courses(memory));
+            let factor = of_series(&courses(memory));
             assert!(
                 (factor / expected - 1.0).abs() < 0.15,
                 "{factor} {expected}"
