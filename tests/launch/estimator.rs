@@ -8,7 +8,7 @@ use fuyu::{
     spatial::Pose,
 };
 use nalgebra::{Rotation3, UnitQuaternion};
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::Path};
 
 use crate::{
     lateness::repeat_if_late,
@@ -17,12 +17,19 @@ use crate::{
 };
 
 /// Poses of an odometry topic by stamp \[ns\].
-fn poses(odometry: Vec<nav_msgs::Odometry>) -> BTreeMap<i64, Pose> {
-    let pose = |m: nav_msgs::Odometry| {
+pub fn poses(odometry: &[nav_msgs::Odometry]) -> BTreeMap<i64, Pose> {
+    let pose = |m: &nav_msgs::Odometry| {
         let X = pose_from_msg(&m.pose.pose).expect("a sound pose");
         (Time::from(&m.header.stamp).as_nanos(), with_matrix(&X))
     };
-    odometry.into_iter().map(pose).collect()
+    odometry.iter().map(pose).collect()
+}
+
+/// Pose of the camera in the base, from the robot in a bag.
+pub fn camera_in_base(bag: &Path) -> Pose {
+    let description = read::<std_msgs::String>(bag, "/robot_description");
+    let model = Model::from_urdf(&description[0].data, "robot_description").unwrap();
+    model.frame("camera_optical_frame").unwrap().X_BF
 }
 
 // Fails when the estimator gets the wrong camera, the wrong gyro axes or the wrong mounting of the
@@ -36,11 +43,9 @@ fn the_target_is_where_the_estimator_said_it_would_be() {
         let mut launch = Running::launch(domain, &config, &args);
         launch.wait(8 * PATIENCE).well();
         let bag = launch.bag();
-        let description = read::<std_msgs::String>(&bag, "/robot_description");
-        let model = Model::from_urdf(&description[0].data, "robot_description").unwrap();
-        let X_BC = model.frame("camera_optical_frame").unwrap().X_BF;
-        let base = poses(read(&bag, "/ground_truth/odom"));
-        let target = poses(read(&bag, "/ground_truth/target/odom"));
+        let X_BC = camera_in_base(&bag);
+        let base = poses(&read(&bag, "/ground_truth/odom"));
+        let target = poses(&read(&bag, "/ground_truth/target/odom"));
 
         let motions = read::<MotionEstimate>(&bag, "/estimator/motion");
         let last = motions.last().expect("a motion");

@@ -3,14 +3,11 @@
 use std::{collections::BTreeMap, time::Instant};
 
 use fuyu::{
-    model::Model,
     msg::{
         fuyu_msgs::{FeatureTracks, MotionEstimate},
         geometry_msgs::Vector3Stamped,
         nav_msgs::Odometry,
-        std_msgs,
     },
-    nodes::geometry::{pose_from_msg, with_matrix},
     ros::Time,
     spatial::Pose,
 };
@@ -18,6 +15,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use serde_json::{Value, json};
 
 use crate::{
+    estimator::{camera_in_base, poses},
     lateness::repeat_if_late,
     observer::{diagnosed, now, reported},
     peer::Peer,
@@ -27,15 +25,6 @@ use crate::{
 
 const FOCAL: f64 = 640.0;
 const CENTRE: [f64; 2] = [319.5, 239.5];
-
-/// Poses of an odometry topic by stamp \[ns\].
-fn poses(odometry: &[Odometry]) -> BTreeMap<i64, Pose> {
-    let pose = |m: &Odometry| {
-        let X = pose_from_msg(&m.pose.pose).expect("a sound pose");
-        (Time::from(&m.header.stamp).as_nanos(), with_matrix(&X))
-    };
-    odometry.iter().map(pose).collect()
-}
 
 /// Where one id was seen: pose of the camera in the target's frame, and pixel.
 type Sights = Vec<(Pose, [f64; 2])>;
@@ -87,9 +76,7 @@ fn ids_stay_with_their_points_and_the_estimator_finds_the_motion() {
         let mut launch = Running::launch(domain, &config, &args);
         launch.wait(8 * PATIENCE).well();
         let bag = launch.bag();
-        let description = read::<std_msgs::String>(&bag, "/robot_description");
-        let model = Model::from_urdf(&description[0].data, "robot_description").unwrap();
-        let X_BC = model.frame("camera_optical_frame").unwrap().X_BF;
+        let X_BC = camera_in_base(&bag);
         let base = poses(&read(&bag, "/ground_truth/odom"));
         let odometry = read::<Odometry>(&bag, "/ground_truth/target/odom");
         let target = poses(&odometry);
@@ -240,7 +227,7 @@ fn wrong_images_of_a_peer_are_reported_and_the_next_ones_are_tracked() {
         image[field] = value;
         is_refused(&mut peer, &image, expected);
     }
-    // As usual; with rows of odd length; of 16 bits, the higher byte first; as a mosaic.
+    // As usual; with rows of odd length; of 16 bits, the higher byte first.
     publish(&mut peer, &board(2, 0));
     let mut padded = board(3, 1);
     let rows = padded["data"].as_array().unwrap().chunks(64);
@@ -281,7 +268,7 @@ fn wrong_images_of_a_peer_are_reported_and_the_next_ones_are_tracked() {
     diagnosed(&mut peer, "tracker: images", |level, text| {
         level == 0 && text == "images arrive"
     });
-    // The same image again, and one of another size.
+    // The same image again.
     publish(&mut peer, &wide);
     diagnosed(&mut peer, "tracker: images", |level, text| {
         level == 2 && text.contains("must be finite and later than 4 s")
