@@ -193,14 +193,21 @@ goal.addEventListener("submit", (event) => {
   });
 });
 
-/** Age of what is shown: since the state, or the picture, was taken [s]. */
-function imageAge(): number {
-  const now = performance.now();
-  const way = (operator.roundTrips.at(-1) ?? 0) / 2000;
+/** Time of a message from the server to this page, estimated [s]. */
+const way = () => (operator.roundTrips.at(-1) ?? 0) / 2000;
+
+/** Time since the state that is shown was computed [s]. */
+const stateAge = () => (performance.now() - stateArrived) / 1000 + way();
+
+/** Time since the picture that is shown was taken [s]. */
+function pictureAge(): number | undefined {
   const picture = images.stamps.left;
-  if (picture !== undefined) return Math.max(0, clock - picture) + (now - clockArrived) / 1000 + way;
-  return (now - stateArrived) / 1000 + way;
+  if (picture === undefined) return undefined;
+  return Math.max(0, clock - picture) + (performance.now() - clockArrived) / 1000 + way();
 }
+
+/** Age of the picture, or of the state where there are no pictures [s]. */
+const imageAge = () => pictureAge() ?? stateAge();
 
 /** What has been commanded and is not seen yet, in the world's axes [m]. */
 function commanded(age: number): Vector3 | undefined {
@@ -284,5 +291,7 @@ Object.assign(window, {
     },
     rates: () => rates,
     clock: () => clock,
+    stateAge,
+    pictureAge,
   },
 });

@@ -32,5 +32,5 @@ mod settings;
 mod tracker;
 
 pub use image::{Image, ImageError, LARGEST_IMAGE, SMALLEST_IMAGE};
-pub use settings::{Settings, SettingsError, Target};
+pub use settings::{Settings, SettingsError, Target, ranges};
 pub use tracker::{Feature, Losses, TrackError, Tracker};

@@ -1,5 +1,35 @@
 //! What a tracker is told once.
 
+/// Ranges of the settings, in their units.
+pub mod ranges {
+    use std::ops::RangeInclusive;
+
+    /// Of [`points`](super::Settings::points).
+    pub const POINTS: RangeInclusive<usize> = 1..=10_000;
+    /// Of [`spacing`](super::Settings::spacing).
+    pub const SPACING: RangeInclusive<f64> = 1.0..=1000.0;
+    /// Of [`quality`](super::Settings::quality).
+    pub const QUALITY: RangeInclusive<f64> = 0.0..=1.0;
+    /// Of [`strength`](super::Settings::strength).
+    pub const STRENGTH: RangeInclusive<f64> = 0.0..=1e5;
+    /// Of [`window`](super::Settings::window), which is odd.
+    pub const WINDOW: RangeInclusive<usize> = 5..=63;
+    /// Of [`levels`](super::Settings::levels).
+    pub const LEVELS: RangeInclusive<usize> = 1..=8;
+    /// Of [`backward`](super::Settings::backward).
+    pub const BACKWARD: RangeInclusive<f64> = 1e-3..=100.0;
+    /// Of [`similarity`](super::Settings::similarity).
+    pub const SIMILARITY: RangeInclusive<f64> = 0.0..=1.0;
+    /// Of [`margin`](super::Settings::margin).
+    pub const MARGIN: RangeInclusive<usize> = 0..=64;
+    /// Of [`rigid_frames`](super::Settings::rigid_frames), unless it is 0.
+    pub const RIGID_FRAMES: RangeInclusive<usize> = 6..=200;
+    /// Of [`rigid_error`](super::Settings::rigid_error).
+    pub const RIGID_ERROR: RangeInclusive<f64> = 1e-3..=100.0;
+    /// Of [`confirmation`](super::Settings::confirmation).
+    pub const CONFIRMATION: RangeInclusive<usize> = 1..=200;
+}
+
 /// What belongs to the target in images without a mask of their own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Target {
@@ -79,7 +109,7 @@ pub struct SettingsError {
     /// Its value.
     pub value: f64,
     /// What it must be.
-    pub right: &'static str,
+    pub right: String,
 }
 
 impl Settings {
@@ -88,43 +118,53 @@ impl Settings {
     /// # Errors
     /// [`SettingsError`] for the first one that is out of range.
     pub fn check(&self) -> Result<(), SettingsError> {
-        let error = |name, value, right| Err(SettingsError { name, value, right });
-        let count = |name, value: usize, from: usize, to: usize, right| match value {
-            n if (from..=to).contains(&n) => Ok(()),
-            n => error(name, n as f64, right),
-        };
-        count("points", self.points, 1, 10_000, "1 to 10000")?;
-        count("levels", self.levels, 1, 8, "1 to 8")?;
-        count("margin", self.margin, 0, 64, "0 to 64 px")?;
-        count("rigid_frames", self.rigid_frames, 0, 200, "0 or 6 to 200")?;
-        if (1..6).contains(&self.rigid_frames) {
-            return error("rigid_frames", self.rigid_frames as f64, "0 or 6 to 200");
-        }
-        count("confirmation", self.confirmation, 1, 200, "1 to 200")?;
-        if !(5..=63).contains(&self.window) || self.window.is_multiple_of(2) {
-            return error("window", self.window as f64, "odd and 5 to 63 px");
-        }
-        for (name, value, low, high, right) in [
-            ("spacing", self.spacing, 1.0, 1000.0, "1 to 1000 px"),
-            ("quality", self.quality, 0.0, 1.0, "0 to 1"),
-            ("strength", self.strength, 0.0, 1e5, "0 to 100000"),
-            ("backward", self.backward, 1e-3, 100.0, "0.001 to 100 px"),
-            ("similarity", self.similarity, 0.0, 1.0, "0 to 1"),
+        for (name, value, range, beginning) in [
+            ("points", self.points, ranges::POINTS, ""),
+            ("window", self.window, ranges::WINDOW, "odd and "),
+            ("levels", self.levels, ranges::LEVELS, ""),
+            ("margin", self.margin, ranges::MARGIN, ""),
             (
-                "rigid_error",
-                self.rigid_error,
-                1e-3,
-                100.0,
-                "0.001 to 100 px",
+                "rigid_frames",
+                self.rigid_frames,
+                ranges::RIGID_FRAMES,
+                "0 or ",
             ),
+            ("confirmation", self.confirmation, ranges::CONFIRMATION, ""),
         ] {
-            // Also false if it is not a number.
-            if !(value >= low && value <= high) {
-                return error(name, value, right);
+            let is_right = match name {
+                "window" => range.contains(&value) && !value.is_multiple_of(2),
+                "rigid_frames" => value == 0 || range.contains(&value),
+                _ => range.contains(&value),
+            };
+            if !is_right {
+                let right = format!("{beginning}{} to {}", range.start(), range.end());
+                return Err(SettingsError {
+                    name,
+                    value: value as f64,
+                    right,
+                });
+            }
+        }
+        for (name, value, range) in [
+            ("spacing", self.spacing, ranges::SPACING),
+            ("quality", self.quality, ranges::QUALITY),
+            ("strength", self.strength, ranges::STRENGTH),
+            ("backward", self.backward, ranges::BACKWARD),
+            ("similarity", self.similarity, ranges::SIMILARITY),
+            ("rigid_error", self.rigid_error, ranges::RIGID_ERROR),
+        ] {
+            // A range contains no NaN.
+            if !range.contains(&value) {
+                let right = format!("{} to {}", range.start(), range.end());
+                return Err(SettingsError { name, value, right });
             }
         }
         if matches!(self.target, Target::Bright { threshold: 0, .. }) {
-            return error("target.threshold", 0.0, "1 to 255");
+            return Err(SettingsError {
+                name: "target.threshold",
+                value: 0.0,
+                right: "1 to 255".to_owned(),
+            });
         }
         Ok(())
     }

@@ -141,7 +141,7 @@ fn two(pixel: &[u8], big_endian: bool) -> u16 {
 fn pixels(image: &Image, value: impl Fn(&[u8]) -> u8) -> Result<Grey, String> {
     let known = ENCODINGS.iter().find(|(name, _)| *name == image.encoding);
     let Some((_, bytes)) = known else {
-        let names: Vec<_> = ENCODINGS[..12].iter().map(|(name, _)| *name).collect();
+        let names: Vec<_> = ENCODINGS.iter().map(|(name, _)| *name).collect();
         return Err(format!(
             "encoding is '{}'; it must be one of {}",
             image.encoding.escape_debug(),

@@ -1,6 +1,8 @@
 //! Parameters of the tracker node.
 
-use fuyu_track::{Settings, Target};
+use std::ops::RangeInclusive;
+
+use fuyu_track::{Settings, Target, ranges};
 
 use crate::ros::Declare;
 
@@ -39,71 +41,76 @@ impl TrackerParams {
         else {
             return Err("the usual target is a bright region".to_owned());
         };
-        let mut count = |name: &str, default: usize, from: i64, to: i64, text: &str| {
+        let mut count = |name: &str, default: usize, range: RangeInclusive<usize>, text: &str| {
+            let (from, to) = (*range.start() as i64, *range.end() as i64);
             let parameter = declare.param(name, default as i64, text).range(from, to);
             // The declaration refuses other values.
             usize::try_from(parameter.read_only().value()).unwrap_or(default)
         };
-        let points = count("points", usual.points, 1, 10_000, "Most points at a time");
+        let points = count(
+            "points",
+            usual.points,
+            ranges::POINTS,
+            "Most points at a time",
+        );
         let window = count(
             "window",
             usual.window,
-            5,
-            63,
+            ranges::WINDOW,
             "Side of the window that is compared, odd [px]",
         );
-        let levels = count("levels", usual.levels, 1, 8, "Levels of the image pyramid");
+        let levels = count(
+            "levels",
+            usual.levels,
+            ranges::LEVELS,
+            "Levels of the image pyramid",
+        );
         let margin = count(
             "margin",
             usual.margin,
-            0,
-            64,
+            ranges::MARGIN,
             "Distance of points from the edge of the target [px]: closer ones may be a silhouette",
         );
         let rigid_frames = count(
             "rigid_frames",
             usual.rigid_frames,
-            0,
-            200,
+            0..=*ranges::RIGID_FRAMES.end(),
             "Frames over which the points must move as one rigid body, 6 or more; a point is published in frames in which it is found to, which takes six points. 0 does not test it",
         );
         let confirmation = count(
             "confirmation",
             usual.confirmation,
-            1,
-            200,
+            ranges::CONFIRMATION,
             "Frames for which a point has to be tracked before it is published",
         );
         let threshold = count(
             "threshold",
             threshold.into(),
-            1,
-            255,
+            1..=255,
             "Grey value from which a pixel can be of the target (without a mask)",
         );
         let smallest = count(
             "smallest",
             smallest,
-            0,
-            1_000_000_000,
+            0..=1_000_000_000,
             "Pixels of the smallest bright region that is no star (without a mask)",
         );
         let mask_id = count(
             "mask_id",
             0,
-            0,
-            65_535,
+            0..=65_535,
             "Id of the target in camera/segmentation, which then has to have the stamps of the images; 0 uses no mask",
         );
         let white = count(
             "white",
             65_535,
-            1,
-            65_535,
+            1..=65_535,
             "Value of mono16 images that is white: 4095 for twelve bits",
         );
-        let mut number = |name: &str, default: f64, from: f64, to: f64, text: &str| {
-            let parameter = declare.param(name, default, text).range(from, to);
+        let mut number = |name: &str, default: f64, range: RangeInclusive<f64>, text: &str| {
+            let parameter = declare
+                .param(name, default, text)
+                .range(*range.start(), *range.end());
             parameter.read_only().value()
         };
         let settings = Settings {
@@ -120,43 +127,37 @@ impl TrackerParams {
             spacing: number(
                 "spacing",
                 usual.spacing,
-                1.0,
-                1000.0,
+                ranges::SPACING,
                 "Distance of new points from all others [px]",
             ),
             quality: number(
                 "quality",
                 usual.quality,
-                0.0,
-                1.0,
+                ranges::QUALITY,
                 "Least strength of new corners, of that of the strongest",
             ),
             strength: number(
                 "strength",
                 usual.strength,
-                0.0,
-                1e5,
+                ranges::STRENGTH,
                 "Least strength of new corners: smaller eigenvalue of the structure tensor [(grey values/px)^2]",
             ),
             backward: number(
                 "backward",
                 usual.backward,
-                1e-3,
-                100.0,
+                ranges::BACKWARD,
                 "Largest distance between a point and where tracking backward returns to [px]",
             ),
             similarity: number(
                 "similarity",
                 usual.similarity,
-                0.0,
-                1.0,
+                ranges::SIMILARITY,
                 "Least normalized cross-correlation with the first sight of a point",
             ),
             rigid_error: number(
                 "rigid_error",
                 usual.rigid_error,
-                1e-3,
-                100.0,
+                ranges::RIGID_ERROR,
                 "Largest root mean square deviation from rigid motion [px]",
             ),
         };
