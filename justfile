@@ -4,7 +4,7 @@
 default:
     @just --list --unsorted
 
-# launch the servicing scenario: the whole graph for 60 s, a bag in bags/
+# launch a scenario, by default config/capture.yaml: a capture, with a bag in bags/
 run *ARGS:
     cargo run --release -- launch {{ARGS}}
 

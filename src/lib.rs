@@ -25,6 +25,7 @@
 //! | `fuyu-structures` | | deformable bodies: modes, transmission zeros |
 //! | `fuyu-campaign` | | distributions, designs and statistics of campaigns |
 //! | `fuyu-render` | | images of spacecraft |
+//! | `fuyu-track` | | points of a body in images |
 //!
 //! `fuyu-physics` has no ROS and reads no files; `fuyu-ros` has no physics. Inside a package, a module imports only
 //! modules above it in the table; `ARCHITECTURE.md` has the diagram, `docs/symbols.md` the symbols and terms.

@@ -181,6 +181,61 @@ fn the_table_of_published_results_is_that_of_the_command() {
     check_table("docs/reproduced.md", "", &["name", "shows"], &rows);
 }
 
+// Fails if a topic of the graph gets another name and the rights of the roles keep the old one.
+#[cfg(feature = "ros")]
+#[test]
+fn roles_may_publish_the_topics_of_their_nodes() {
+    let rights = read("crates/fuyu-ros/src/keys/role.rs");
+    let document = read("docs/security.md");
+    let list = |constant: &str| -> Vec<String> {
+        let (_, rest) = rights.split_once(constant).unwrap();
+        let list = rest.split("];").next().unwrap();
+        let names = list.split('"').skip(1).step_by(2);
+        names.map(str::to_owned).collect()
+    };
+    let covers = |right: &String, topic: &str| match right.strip_suffix('*') {
+        Some(beginning) => topic.starts_with(beginning),
+        None => topic == right,
+    };
+    let declared = topics::declarations();
+    let controllers = ["controller", "attitude", "estimator", "mission", "tracker"];
+    let (control, inputs) = (list("const CONTROL"), list("const INPUTS"));
+    for topic in declared
+        .iter()
+        .filter(|t| t.writers.iter().any(|w| controllers.contains(w)))
+    {
+        assert!(
+            control.iter().any(|right| covers(right, topic.name)),
+            "{}",
+            topic.name
+        );
+    }
+    for topic in declared.iter().filter(|t| t.writers.contains(&"you")) {
+        assert!(
+            inputs.iter().any(|right| covers(right, topic.name)),
+            "{}",
+            topic.name
+        );
+    }
+    for (role, rights) in [("controller", control), ("operator", inputs)] {
+        let row = document
+            .lines()
+            .find(|line| line.starts_with(&format!("| `{role}`")));
+        for right in rights {
+            assert!(
+                row.unwrap().contains(&format!("`{right}`")),
+                "{role}: {right}"
+            );
+            let is_of_every_managed_node = right.ends_with("/transition_event");
+            let is_declared = declared.iter().any(|t| covers(&right, t.name));
+            assert!(
+                is_declared || is_of_every_managed_node,
+                "{role}: no node has {right}"
+            );
+        }
+    }
+}
+
 #[test]
 fn every_file_that_the_documents_link_to_exists() {
     for document in ["README.md", "ARCHITECTURE.md", "CHANGELOG.md"] {

@@ -16,12 +16,17 @@ pub enum Role {
 /// Topics that every node publishes about itself.
 const REPORTS: [&str; 3] = ["diagnostics", "rosout", "parameter_events"];
 /// Topics that controllers publish. A `*` is one part of a name.
-const CONTROL: [&str; 6] = [
+const CONTROL: [&str; 11] = [
     "joint_commands",
     "wheel_commands",
     "thruster_commands",
-    "controller_state",
-    "attitude_state",
+    "wrench",
+    "camera/features",
+    "controller/state",
+    "controller/transition_event",
+    "attitude/state",
+    "attitude/transition_event",
+    "mission/state",
     "estimator/*",
 ];
 /// Topics that operators publish.

@@ -26,9 +26,9 @@ crate::messages! {
         dissipated_energy: f64,
     }
 
-    /// What external wrenches have changed since the start of the run.
+    /// What external wrenches, thrusters, grasps and contacts have changed since the start of the run.
     ///
-    /// The momentum of fuyu_msgs/Momentum less these impulses is constant. Published from the first wrench on.
+    /// The momentum of fuyu_msgs/Momentum less these impulses is constant. Published from the first of them on.
     message ExternalImpulse {
         /// Time of the state; the inertial frame whose axes are used.
         header: Header,
