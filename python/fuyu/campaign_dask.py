@@ -13,17 +13,21 @@ import sys
 
 
 def run_range(fuyu, campaign, folder, runs, first, last):
-    """Computes the runs ``first`` to ``last`` of ``runs`` on the worker; returns how many these are.
+    """Computes the runs ``first`` to ``last`` of ``runs`` on the worker; returns how many these are, and what is wrong with the
+    input, or None.
 
-    Raises RuntimeError with the last line that ``fuyu`` wrote to stderr.
+    Raises RuntimeError with the last line that ``fuyu`` wrote to stderr if it failed otherwise, which may be tried again.
     """
     command = [fuyu, "campaign", "run-range", campaign, "--output", folder]
     command += ["--runs", str(runs), "--first", str(first), "--last", str(last)]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True)
     if done.returncode != 0:
         lines = done.stderr.strip().splitlines() or [f"{fuyu} ended with {done.returncode}"]
-        raise RuntimeError(lines[-1])
-    return last - first + 1
+        problem = f"runs {first} to {last}: {lines[-1]}"
+        if done.returncode == 2:
+            return 0, problem
+        raise RuntimeError(problem)
+    return last - first + 1, None
 
 
 def ranges(runs, size):
@@ -73,7 +77,12 @@ def main(arguments=None):
         done = 0
         for task in as_completed(tasks):
             try:
-                done += task.result()
+                count, problem = task.result()
+                if problem is not None:
+                    print(f"fuyu: error: {problem}", file=sys.stderr)
+                    client.cancel(tasks)
+                    return 2
+                done += count
             except Exception as error:  # whatever the task or its worker ended with
                 print(f"fuyu: error: {error}", file=sys.stderr)
                 client.cancel(tasks)

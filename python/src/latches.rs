@@ -118,6 +118,11 @@ impl Latches {
         kind: &str,
         joints: &str,
     ) -> PyResult<Self> {
+        if robots.is(&targets) {
+            return Err(input(
+                "robots and targets are the same Batch; make one for each".to_owned(),
+            ));
+        }
         let (of_robots, of_targets) = (robots.try_borrow(py)?, targets.try_borrow(py)?);
         let (count, others) = (of_robots.count(), of_targets.count());
         if count != others {

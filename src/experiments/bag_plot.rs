@@ -64,7 +64,8 @@ pub fn plot_bag(bag: &Bag, folder: &Path) -> Result<Vec<PathBuf>, ChartError> {
             let Some(mut figure) = figure else { continue };
             let stem = match estimation.targets.len() {
                 1 => "prediction_error".to_owned(),
-                _ => format!("{target}_prediction_error"),
+                // Names of targets may have namespaces.
+                _ => format!("{}_prediction_error", target.replace('/', "_")),
             };
             let stem = place.entitle(&stem, &mut figure.title);
             paths.extend(figure.save(&folder.join(stem))?);

@@ -175,7 +175,7 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
     let mut since: Option<WorkSince<'_>> = None;
     let usual = usual_period(&joints);
     for (i, pair) in joints.windows(2).enumerate() {
-        if pair[1].time - pair[0].time > usual * 3 / 2 {
+        if pair[1].time.saturating_sub(pair[0].time) > usual.saturating_mul(3) / 2 {
             // Samples, and so the efforts, are missing: restart the balance.
             (since, difference) = (None, 0.0);
             continue;

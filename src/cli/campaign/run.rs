@@ -108,6 +108,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
                     .to_owned(),
             ));
         }
+        (Engine::Dask, Some(_)) if args.jobs.is_some() => {
+            return Err(Failure::Input(
+                "--jobs: with --engine dask, the workers of the scheduler decide; leave it out".to_owned(),
+            ));
+        }
         _ => {}
     }
     let campaign = Campaign::load(&args.config, args.runs)?;

@@ -158,6 +158,7 @@ impl<'a> Worker<'a> {
     fn lanes(&self) -> usize {
         match self {
             Self::Thread(..) => 1,
+            Self::Process { campaign, .. } if campaign.runs_alone() => 1,
             Self::Process { .. } => LANES,
         }
     }

@@ -70,9 +70,7 @@ impl Campaign {
     ) -> Result<Vec<Row>, CampaignError> {
         let start = Instant::now();
         // Bags and time series are written run by run; their memory is that of one run.
-        let keep = &self.file.keep;
-        let is_single = runs.len() < 2 || keep.bags == Bags::All || keep.series.is_some();
-        let outcomes = match is_single {
+        let outcomes = match runs.len() < 2 || self.runs_alone() {
             true => None,
             // What one of them does must not change the others: after a panic, or too long a time, each is computed
             // alone.
@@ -89,6 +87,12 @@ impl Campaign {
             self.row_of(*run, &scenario, outcome, folder, start)
         });
         rows.collect()
+    }
+
+    /// Whether each run is computed by itself, because it writes a bag or a time series.
+    pub(super) fn runs_alone(&self) -> bool {
+        let keep = &self.file.keep;
+        keep.bags == Bags::All || keep.series.is_some()
     }
 
     /// The row of a run that began at `start`.

@@ -143,8 +143,8 @@ impl Contacts {
         let labels = placed
             .iter()
             .map(|p| Label::new(p.solid.label.clone(), p.system));
-        let names = targets.iter().map(|target| target.name.clone());
-        Ok(Touching::new(world, labels.collect(), names.collect()))
+        let ids = targets.iter().map(|target| target.id);
+        Ok(Touching::new(world, labels.collect(), ids.collect()))
     }
 
     /// Checks that the scenario's contacts mean something: there are shapes, and those that pairs name.

@@ -60,6 +60,8 @@ pub struct Outputs {
     _description: Publisher<std_msgs::String>,
     /// Whether the world was changed, other than by a step, since it was published.
     is_outdated: bool,
+    /// Number and time of the state that was published last.
+    published: Option<(u64, Time)>,
 }
 
 /// A publisher with the message that it sends.
@@ -193,6 +195,7 @@ impl Outputs {
             tf_static,
             _description: latched_description,
             is_outdated: false,
+            published: None,
         })
     }
 
@@ -258,8 +261,12 @@ impl Outputs {
     }
 
     fn publish_state(&mut self, world: &mut World) {
-        self.is_outdated = false;
         let stamp = Time::from_secs_f64(world.time());
+        let state = Some((world.ticks(), stamp));
+        // Commands that have come meanwhile change the accelerations; a state that is published again keeps its measurements.
+        let is_repeated = self.published == state && !self.is_outdated;
+        self.published = state;
+        self.is_outdated = false;
         self.time.drive(stamp);
         if let Some(clock) = &self.clock {
             clock.publish(&rosgraph_msgs::Clock {
@@ -297,10 +304,17 @@ impl Outputs {
             publisher.publish(&contacts(stamp, world));
         }
         if let Some(output) = &mut self.wrist {
-            output.publish(|message| update_wrist_message(message, stamp, world));
+            output.publish(|message| {
+                if !is_repeated {
+                    update_wrist_message(message, stamp, world);
+                }
+            });
         }
-        self.imu
-            .publish(|message| update_imu(message, stamp, world));
+        self.imu.publish(|message| {
+            if !is_repeated {
+                update_imu(message, stamp, world);
+            }
+        });
         self.tf
             .publish(|message| self.frames.update_transforms(message, stamp, world));
     }

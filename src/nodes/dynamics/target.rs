@@ -1,5 +1,7 @@
 //! A free body, rigid or with joints: its motion, and its name, frames and description.
 
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
 use roxmltree::{Document, Node};
 
 use super::{
@@ -14,6 +16,8 @@ use crate::{
 
 /// A free body. Nobody commands its joints: springs, dampers, friction and stops of its description move them.
 pub struct Target {
+    /// Another one for every body: a body that is removed and one that is added later may have the same name.
+    pub(super) id: u64,
     /// Its name and frame.
     pub name: String,
     /// The body.
@@ -69,7 +73,9 @@ impl Target {
                 "target {name} cannot be simulated from its start: {what}"
             ));
         }
+        static NEXT_ID: AtomicU64 = AtomicU64::new(0);
         Ok(Self {
+            id: NEXT_ID.fetch_add(1, Relaxed),
             name: name.to_owned(),
             backup: StateBackup::new(&body),
             body,

@@ -38,8 +38,8 @@ pub struct Touching {
     world: ContactWorld,
     /// Of each collider.
     labels: Vec<Label>,
-    /// Names of the targets, which are the systems from 1 on.
-    targets: Vec<String>,
+    /// Ids of the targets, which are the systems from 1 on.
+    targets: Vec<u64>,
     /// Points at which two links touch, by the first colliders of these links.
     touched: BTreeMap<[usize; 2], usize>,
     events: Vec<LinkEvent>,
@@ -49,8 +49,8 @@ pub struct Touching {
 }
 
 impl Touching {
-    /// A world with the labels of its colliders and the names of its targets.
-    pub(super) fn new(world: ContactWorld, labels: Vec<Label>, targets: Vec<String>) -> Self {
+    /// A world with the labels of its colliders and the ids of its targets.
+    pub(super) fn new(world: ContactWorld, labels: Vec<Label>, targets: Vec<u64>) -> Self {
         Self {
             input: Input::zero(world.systems()[0].model()),
             world,
@@ -72,9 +72,9 @@ impl Touching {
         &mut self.world
     }
 
-    /// Whether its targets are called `names`.
-    pub(super) fn has_targets<'a>(&self, names: impl Iterator<Item = &'a str>) -> bool {
-        self.targets.iter().map(String::as_str).eq(names)
+    /// Whether its targets have these ids.
+    pub(super) fn has_targets(&self, ids: impl Iterator<Item = u64>) -> bool {
+        self.targets.iter().copied().eq(ids)
     }
 
     /// The link of a collider.
@@ -170,9 +170,9 @@ impl Touching {
         self.points().map(of).collect()
     }
 
-    /// All pairs of links but those of the robot with the target called `held`.
-    pub(super) fn overlaps_without(&self, held: &str) -> Vec<[String; 2]> {
-        let held = self.targets.iter().position(|name| name == held);
+    /// All pairs of links but those of the robot with the target of the id `held`.
+    pub(super) fn overlaps_without(&self, held: u64) -> Vec<[String; 2]> {
+        let held = self.targets.iter().position(|id| *id == held);
         let held = held.map(|i| i + 1);
         let mut pairs = Vec::new();
         for (k, a) in self.labels.iter().enumerate() {

@@ -182,6 +182,8 @@ impl ClientTopics {
             Some(read) => Some(read.map_err(|e| format!("{topic}: {e}"))?),
             None => None,
         };
+        // Held from the check of control to the end: the release of another thread must not come between them.
+        let mut publishers = lock(&self.publishers);
         if !lock(&self.control).command(client, Instant::now()) {
             return Err(format!(
                 "{topic}: another client has control, or this one has been silent and must take it again"
@@ -194,7 +196,6 @@ impl ClientTopics {
                 return Ok(());
             }
         }
-        let mut publishers = lock(&self.publishers);
         if !publishers.contains_key(topic) {
             if publishers.len() >= MOST_TOPICS {
                 return Err(format!(

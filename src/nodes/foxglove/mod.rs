@@ -43,6 +43,9 @@ pub use page::Page;
 use parameters::Parameters;
 use server::{Operation, Server};
 
+/// Most nodes whose parameters and services are offered.
+const MOST_NODES: usize = 256;
+
 /// Interval between searches for new topics.
 const LOOK: Duration = Duration::from_millis(200);
 
@@ -158,11 +161,16 @@ pub fn program(
             if let Some(known) = &mut nodes
                 && let Some(name) = node.node_of(publisher.gid)
                 && name != node.name().full()
+                && known.len() < MOST_NODES
                 && known.insert(name.clone())
             {
                 parameters.add_node(&name);
-                let offered = services::of_node(node, &name, &control)?;
-                server.serve(offered).map_err(refused)?;
+                // Names of other nodes may be invalid.
+                let offered = services::of_node(node, &name, &control).map_err(|e| e.to_string());
+                let served = offered.and_then(|offered| server.serve(offered).map_err(|e| e.to_string()));
+                if let Err(e) = served {
+                    tracing::warn!("{name}: its services are not offered: {e}");
+                }
             }
             if subscriptions.contains_key(&publisher.topic) {
                 continue;

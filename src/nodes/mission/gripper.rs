@@ -67,8 +67,9 @@ pub(super) struct GripperServices {
     attach: ServiceClient<Trigger>,
     detach: ServiceClient<Trigger>,
     wanted: Gripper,
-    /// `None` if the command has been answered.
-    sent: Option<Sent<Option<PendingCall<Trigger>>>>,
+    /// The calls for what is wanted that have not been answered; `None` if one has decided. A call may take effect although
+    /// its answer is late, so that a second one fails.
+    sent: Option<Sent<Vec<PendingCall<Trigger>>>>,
     holds: Option<bool>,
 }
 
@@ -87,21 +88,30 @@ impl GripperServices {
         if wanted != self.wanted {
             self.wanted = wanted;
             self.holds = None;
+            self.sent = None;
             self.send(time);
         }
-        let Some(sent) = &self.sent else {
+        let Some(sent) = &mut self.sent else {
             return self.holds;
         };
-        match sent.pending.as_ref().and_then(PendingCall::take) {
+        let mut answered = None;
+        sent.pending.retain(|call| match call.take() {
             Some(response) => {
-                self.sent = None;
                 if !response.success {
                     tracing::warn!("gripper: {}", response.message);
                 }
-                self.holds = (wanted == Gripper::Close).then_some(response.success);
+                answered = Some(answered.unwrap_or(false) || response.success);
+                false
             }
-            None if sent.is_overdue(time) => self.send(time),
-            None => {}
+            None => true,
+        });
+        match answered {
+            Some(success) if success || sent.pending.is_empty() => {
+                self.sent = None;
+                self.holds = (wanted == Gripper::Close).then_some(success);
+            }
+            _ if sent.is_overdue(time) => self.send(time),
+            _ => {}
         }
         self.holds
     }
@@ -111,12 +121,12 @@ impl GripperServices {
             Gripper::Close => &self.attach,
             Gripper::Open => &self.detach,
         };
-        let pending = client.send(&TriggerRequest::default());
-        let pending = pending.inspect_err(|e| tracing::warn!("gripper: {e}"));
-        self.sent = Some(Sent {
-            pending: pending.ok(),
-            time,
-        });
+        let call = client.send(&TriggerRequest::default());
+        let call = call.inspect_err(|e| tracing::warn!("gripper: {e}"));
+        let sent = self.sent.take();
+        let mut pending = sent.map_or_else(Vec::new, |sent| sent.pending);
+        pending.extend(call.ok());
+        self.sent = Some(Sent { pending, time });
     }
 }
 

@@ -17,7 +17,7 @@ mod params;
 pub use messages::{StateTimer, couple, efforts, forecast, state};
 pub use params::{Fingers, Grip, MissionParams};
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 
@@ -52,6 +52,8 @@ use operator_services::Operator;
 
 /// Longest wait before goals and calls are looked at.
 const PATIENCE: Duration = Duration::from_millis(100);
+/// Without a state for so long, a goal that is cancelled ends at once.
+const SILENCE: Duration = Duration::from_secs(1);
 /// Queue length for inputs of which none may be lost.
 const QUEUE: usize = 100;
 
@@ -108,6 +110,8 @@ struct Work {
     pushes: bool,
     timer: StateTimer,
     reported: usize,
+    /// When a state was answered last.
+    answered: Instant,
 }
 
 impl Work {
@@ -134,6 +138,7 @@ impl Work {
             pushes: false,
             timer: StateTimer::default(),
             reported: 0,
+            answered: Instant::now(),
             params,
         })
     }
@@ -150,12 +155,24 @@ impl Work {
                 self.mission = None;
             }
             self.goal = request.accept();
+            self.answered = Instant::now();
         }
-        if let (Some(goal), Some(mission)) = (&self.goal, &mut self.mission)
-            && goal.is_canceling()
-        {
+        if !self.goal.as_ref().is_some_and(Goal::is_canceling) {
+            return;
+        }
+        if let Some(mission) = &mut self.mission {
             // One that is over ends its goal below.
             let _ = mission.abort("cancelled by the client");
+        }
+        // Without states, no step of the mission would end the goal.
+        if self.answered.elapsed() > SILENCE
+            && let Some(goal) = self.goal.take()
+        {
+            goal.canceled(Outcome {
+                reason: "cancelled by the client; no states arrive that can be answered".to_owned(),
+                ..Outcome::default()
+            });
+            self.mission = None;
         }
     }
 
@@ -233,11 +250,18 @@ impl Work {
         let at = |e: String| format!("joint_states: {e}");
         let q = joint_vectors::positions(model, joints).map_err(at)?;
         let qd = joint_vectors::velocities(model, joints).map_err(at)?;
+        let w_B = vector_from_msg(&imu.angular_velocity);
+        if !w_B.iter().all(|w| w.is_finite()) {
+            return Err(format!(
+                "{}: angular_velocity is {w_B:?}; it must be finite",
+                self.imu.topic()
+            ));
+        }
         let sample = Sample {
             time: stamp.as_secs_f64(),
             q: q.as_slice(),
             qd: qd.as_slice(),
-            w_B: vector_from_msg(&imu.angular_velocity),
+            w_B,
             wheels: Vector3::zeros(),
         };
         let command = mission.step(&sample).map_err(|e| e.to_string())?;
@@ -273,6 +297,7 @@ impl Work {
                 reason => self.status.ok(format!("{phase}: waits, {reason}")),
             }
         }
+        self.answered = Instant::now();
         self.report();
         Ok(())
     }

@@ -20,7 +20,7 @@ pub struct Times {
     /// The last `/clock` among the recorded samples \[ns\]; [`NO_CLOCK`] before the first.
     now: AtomicI64,
     /// Samples that arrived before the first `/clock`; `None` after it.
-    early: Mutex<Option<Vec<Early>>>,
+    early: Mutex<Option<Waiting>>,
     /// Stamp of the last message \[ns\].
     last: AtomicU64,
     /// [`Clock::changes_of_publisher`] at the last message, or at the last `/clock` if that is recorded.
@@ -33,6 +33,13 @@ pub struct Times {
     start: (Time, Instant),
 }
 
+/// Samples that wait for the first `/clock`.
+#[derive(Default)]
+struct Waiting {
+    samples: Vec<Early>,
+    bytes: usize,
+}
+
 /// A sample without a stamp yet, and its destination.
 struct Early {
     handle: RecorderHandle,
@@ -40,8 +47,9 @@ struct Early {
     sample: RawSample,
 }
 
-/// Largest number of samples that wait for the first `/clock`.
+/// Largest number of samples that wait for the first `/clock`, and of their bytes.
 const EARLY: usize = 10_000;
+const EARLY_BYTES: usize = 64 << 20;
 
 /// No `/clock` was recorded.
 const NO_CLOCK: i64 = i64::MIN;
@@ -52,7 +60,7 @@ impl Times {
         Self {
             clock,
             now: AtomicI64::new(NO_CLOCK),
-            early: Mutex::new(Some(Vec::new())),
+            early: Mutex::new(Some(Waiting::default())),
             last: AtomicU64::new(0),
             changes_of_publisher: AtomicU64::new(0),
             publisher: Mutex::default(),
@@ -65,9 +73,14 @@ impl Times {
     pub fn write(&self, handle: &RecorderHandle, topic: &Arc<RecorderTopic>, sample: RawSample) {
         let mut early = self.early.lock().unwrap_or_else(PoisonError::into_inner);
         match early.as_mut() {
-            Some(waiting) if self.clock.is_simulated() && waiting.len() < EARLY => {
+            Some(waiting)
+                if self.clock.is_simulated()
+                    && waiting.samples.len() < EARLY
+                    && waiting.bytes + sample.cdr.len() <= EARLY_BYTES =>
+            {
                 let (handle, topic) = (handle.clone(), Arc::clone(topic));
-                waiting.push(Early {
+                waiting.bytes += sample.cdr.len();
+                waiting.samples.push(Early {
                     handle,
                     topic,
                     sample,
@@ -107,7 +120,7 @@ impl Times {
             handle,
             topic,
             sample,
-        } in early.into_iter().flatten()
+        } in early.into_iter().flat_map(|waiting| waiting.samples)
         {
             let nanos = nanos(now);
             handle.write(&topic, nanos, nanos, sample.cdr);

@@ -43,7 +43,7 @@ pub fn axes(group: &str, id: i32, header: Header, pose: Pose, size: f64) -> Mark
     marker
 }
 
-/// An arrow between two points. One of zero length, which has no direction, is deleted.
+/// An arrow between two points. One of zero length, which has no direction, or to a point that is not finite is deleted.
 pub fn arrow(
     group: &str,
     id: i32,
@@ -53,7 +53,7 @@ pub fn arrow(
 ) -> Marker {
     let length = (ends[1] - ends[0]).norm();
     let mut marker = line(group, id, header, Marker::ARROW, 0.03);
-    if length < 1e-6 {
+    if !length.is_finite() || length < 1e-6 {
         marker.action = Marker::DELETE;
         return marker;
     }

@@ -184,7 +184,8 @@ impl MotionTracker {
             self.misfits.count = 0;
             self.fits = self.fits.saturating_add(1);
             let changed = self.changes.add(frame.time, &update.innovation)?;
-            if self.is_beyond_prediction(changed) {
+            // An error that has begun soon after a short batch, and grows slowly, is its own.
+            if self.is_beyond_prediction(frame.time) {
                 self.changes = ChangeDetector::new(frame.time);
                 return None;
             }

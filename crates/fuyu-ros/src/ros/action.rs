@@ -298,12 +298,12 @@ impl<A: Action> Shared<A> {
         let mut goals = self.lock();
         let old = |k: &Known<A>| k.ended.is_some_and(|at| at.elapsed() > KEPT);
         goals.retain(|k| !old(k));
+        if goals.iter().any(|k| k.info.goal_id == *id) {
+            return None;
+        }
         if goals.len() >= KNOWN {
             let ended = goals.iter().position(|k| k.ended.is_some())?;
             goals.remove(ended);
-        }
-        if goals.iter().any(|k| k.info.goal_id == *id) {
-            return None;
         }
         let stamp: crate::msg::builtin_interfaces::Time = self.clock.now().into();
         goals.push(Known {

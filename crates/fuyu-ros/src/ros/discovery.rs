@@ -32,6 +32,9 @@ pub struct DiscoveredPublisher {
     pub gid: Gid,
 }
 
+/// Most topics that are warned of: peers choose their names.
+const MOST_WARNINGS: usize = 1000;
+
 /// Every ROS topic publisher among those that were found, but those of hidden topics (a part of the name begins with
 /// `_`, as those of actions do). What has the prefix of ROS but not its form is left out; `warned_topics` remembers
 /// what was warned of.
@@ -54,7 +57,9 @@ pub(super) fn publishers(
                 type_hash: remote.type_hash,
                 gid: remote.gid,
             });
-        } else if warned_topics.insert((remote.dds_topic.clone(), remote.dds_type.clone())) {
+        } else if warned_topics.len() < MOST_WARNINGS
+            && warned_topics.insert((remote.dds_topic.clone(), remote.dds_type.clone()))
+        {
             tracing::warn!(
                 "node {node}: topic {topic} of type {}, published by a peer, is ignored: name or type \
                  is not valid in ROS",

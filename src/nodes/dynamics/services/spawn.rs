@@ -1,6 +1,6 @@
 //! Adding free bodies to the world, and removing them.
 
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 use nalgebra::Vector3;
 
@@ -33,6 +33,12 @@ const DESCRIPTIONS: &str = "package://fuyu/urdf";
 
 /// Most joints that move of a body that a peer adds: memory and time for a step grow with their square.
 const MAX_JOINTS: usize = 200;
+
+/// Most free bodies of a world that may be added to.
+const MAX_ENTITIES: usize = 1000;
+
+/// Most files and folders in a request for what can be added.
+const MAX_SOURCES: usize = 64;
 
 /// Most links of a body that a peer adds.
 const MAX_LINKS: usize = 2000;
@@ -92,6 +98,10 @@ fn spawn(simulation: &mut Simulation, request: &SpawnEntity) -> Code {
 
 fn add(simulation: &mut Simulation, request: &SpawnEntity) -> Result<String, Outcome> {
     check_active(simulation)?;
+    if simulation.world.targets.len() >= MAX_ENTITIES {
+        let message = format!("there are {MAX_ENTITIES} entities already; delete one first");
+        return Err(Outcome::new(Outcome::OPERATION_FAILED, message));
+    }
     let (world, params) = (&mut simulation.world, simulation.params);
     let description = read(&request.entity_resource, &params.resource_folders)?;
     let parsed = |e: String| Outcome::new(Code::RESOURCE_PARSE_ERROR, e);
@@ -116,6 +126,11 @@ fn add(simulation: &mut Simulation, request: &SpawnEntity) -> Result<String, Out
     let mut target = target.map_err(invalid)?;
     target.spawned = true;
     world.targets.push(target);
+    if let Err(e) = world.check_shapes() {
+        world.targets.pop();
+        let message = format!("entity_resource: contact cannot be simulated: {e}");
+        return Err(Outcome::new(Code::RESOURCE_PARSE_ERROR, message));
+    }
     if let Err(e) = simulation.outputs.replace_targets(simulation.node, world) {
         world.targets.pop();
         return Err(Outcome::new(Outcome::OPERATION_FAILED, e.to_string()));
@@ -283,8 +298,19 @@ fn read(resource: &Resource, allowed: &AllowedFolders) -> Result<Description, Ou
 
 /// Descriptions of fuyu and in `sources`: files and folders that peers may name.
 pub fn spawnables(sources: &[String], allowed: &AllowedFolders) -> GetSpawnablesResponse {
+    let sources: BTreeSet<&str> = sources.iter().map(String::as_str).collect();
+    if sources.len() > MAX_SOURCES {
+        let message = format!(
+            "sources: has {} files and folders; at most {MAX_SOURCES} can be searched at a time",
+            sources.len()
+        );
+        return GetSpawnablesResponse {
+            result: Outcome::new(Outcome::OPERATION_FAILED, message),
+            spawnables: Vec::new(),
+        };
+    }
     let ours = AllowedFolders::new(vec![DESCRIPTIONS.to_owned()]);
-    let named = sources.iter().map(|source| (source.as_str(), allowed));
+    let named = sources.into_iter().map(|source| (source, allowed));
     let mut found = Vec::new();
     let mut missing = Vec::new();
     for (source, allowed) in std::iter::once((DESCRIPTIONS, &ours)).chain(named) {

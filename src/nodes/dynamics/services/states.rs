@@ -11,7 +11,7 @@ use crate::{
             SetSimulationStateRequest, SetSimulationStateResponse as Set,
         },
     },
-    nodes::dynamics::{clock::Phase, simulation::Simulation, world::World},
+    nodes::dynamics::{clock::Phase, simulation::Simulation, target::Target, world::World},
 };
 
 /// Numbers and names of the states of `simulation_interfaces`; a number is its index.
@@ -165,6 +165,10 @@ fn reset_scope(simulation: &mut Simulation, scope: u8) -> Result<(), Outcome> {
     }
     let world = &mut simulation.world;
     if scope & Reset::SCOPE_SPAWNED != 0 {
+        let is_held = |target: &Target| world.held_target() == Some(target.name.as_str());
+        if (world.targets.iter()).any(|target| target.spawned && is_held(target)) {
+            world.drop_held();
+        }
         world.targets.retain(|target| !target.spawned);
         simulation.outputs.remove_targets(world);
     }

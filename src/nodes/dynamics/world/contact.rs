@@ -18,7 +18,7 @@ pub(super) struct WorldContacts {
     /// Energy that contacts dissipated before the bodies changed \[J\].
     dissipated_before: f64,
     /// The targets with which contacts could not be set up.
-    refused: Option<Vec<String>>,
+    refused: Option<Vec<u64>>,
 }
 
 /// A point at which two links touch.
@@ -111,20 +111,34 @@ impl World {
         let Some(contacts) = &self.contacts else {
             return Ok(());
         };
-        let held = self.held_target().map(str::to_owned);
+        let held = self.held_target();
+        let held = held.and_then(|name| self.targets.iter().find(|target| target.name == name));
         let Some(robot) = self.robot.rigid() else {
             return Ok(());
         };
         let mut touching = contacts.contacts.build(robot, &self.targets)?;
         if let Some(held) = held {
             // What is held at the start may overlap with the hand.
-            let apart = touching.overlaps_without(&held);
+            let apart = touching.overlaps_without(held.id);
             touching.suspend_overlaps(&apart);
         }
         let found = touching.world_mut().check_apart();
         found.map_err(|e| format!("parameter contact: {e}"))?;
         self.set_touching(Some(touching));
         Ok(())
+    }
+
+    /// Checks that contact with the targets as they are can be simulated.
+    ///
+    /// # Errors
+    /// A line on a description, a shape or a pair of shapes.
+    pub(in super::super) fn check_shapes(&self) -> Result<(), String> {
+        match (&self.contacts, self.robot.rigid()) {
+            (Some(contacts), Some(robot)) => {
+                contacts.contacts.build(robot, &self.targets).map(drop)
+            }
+            _ => Ok(()),
+        }
     }
 
     fn set_touching(&mut self, touching: Option<Touching>) {
@@ -141,12 +155,10 @@ impl World {
         let Some(robot) = self.robot.rigid_mut() else {
             return;
         };
-        let names = self.targets.iter().map(|target| target.name.as_str());
-        let is_current = (robot.touching()).is_some_and(|touching| touching.has_targets(names));
-        let is_refused = contacts.refused.as_ref().is_some_and(|refused| {
-            let names = self.targets.iter().map(|target| target.name.as_str());
-            refused.iter().map(String::as_str).eq(names)
-        });
+        let ids = || self.targets.iter().map(|target| target.id);
+        let is_current = (robot.touching()).is_some_and(|touching| touching.has_targets(ids()));
+        let is_refused =
+            (contacts.refused.as_ref()).is_some_and(|refused| refused.iter().copied().eq(ids()));
         if !is_current && !is_refused {
             contacts.refused = None;
             let mut known = Vec::new();
@@ -160,8 +172,7 @@ impl World {
                     robot.set_touching(Some(touching));
                 }
                 Err(problem) => {
-                    let names = self.targets.iter().map(|target| target.name.clone());
-                    contacts.refused = Some(names.collect());
+                    contacts.refused = Some(ids().collect());
                     contacts.failure = Some(problem);
                     robot.set_touching(None);
                 }

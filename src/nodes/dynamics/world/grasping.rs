@@ -277,7 +277,7 @@ impl World {
     }
 
     /// Opens all grasps without a spring, because the state is about to be replaced.
-    pub(super) fn drop_held(&mut self) {
+    pub(in super::super) fn drop_held(&mut self) {
         if let Some(robot) = self.robot.rigid_mut() {
             robot.let_go();
         }

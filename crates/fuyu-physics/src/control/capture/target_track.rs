@@ -184,6 +184,10 @@ impl TargetTrack {
         while (self.drifts.front()).is_some_and(|(t, _)| *t < start - JUDGED.1) {
             self.drifts.pop_front();
         }
+        // One that does not begin later than those before replaces them.
+        while (self.forecasts.back()).is_some_and(|f| f.start >= start) {
+            self.forecasts.pop_back();
+        }
         self.forecasts.push_back(forecast);
         while (self.forecasts.front()).is_some_and(|f| f.start < start - JUDGED.1) {
             self.forecasts.pop_front();

@@ -112,6 +112,8 @@ impl Schema {
                 _ => one,
             });
         }
+        // Elements without values are visited, too.
+        let total = total.max(1);
         if total > MOST_VALUES {
             return Err(refused("it has more than a million values"));
         }

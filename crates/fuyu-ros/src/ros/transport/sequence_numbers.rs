@@ -4,6 +4,9 @@ use std::collections::HashMap;
 
 use crate::ros::Gid;
 
+/// Most publishers that are remembered; each that starts again is another one.
+const MOST_PUBLISHERS: usize = 4096;
+
 /// The number of the last sample of each publisher that a subscription has received.
 #[derive(Default)]
 pub(super) struct SequenceNumbers {
@@ -14,6 +17,10 @@ impl SequenceNumbers {
     /// Number of samples missing between the last one of a publisher and this one. Samples before the first one
     /// received here were not meant for this subscription.
     pub(super) fn missing_before(&mut self, publisher: Gid, number: i64) -> u64 {
+        if self.last.len() >= MOST_PUBLISHERS && !self.last.contains_key(&publisher) {
+            // Costs the count of one hole for each publisher.
+            self.last.clear();
+        }
         let before = self.last.entry(publisher).or_insert(number);
         let gap = number.saturating_sub(*before).saturating_sub(1).max(0);
         *before = number.max(*before);

@@ -13,8 +13,11 @@ use rustdds::{
 use std::{
     collections::HashMap,
     sync::{Mutex, MutexGuard, PoisonError},
-    time::Instant,
+    time::{Duration, Instant},
 };
+
+/// How long a lost peer is remembered.
+const REMEMBERED: Duration = Duration::from_secs(86_400);
 
 /// GUID prefix of a participant.
 type Prefix = [u8; 12];
@@ -54,6 +57,8 @@ impl LostPeers {
             _ => tracing::warn!("lost {names}: {CAUSE}"),
         }
         let mut inner = self.lock();
+        // Most of those that do not return within a day have died.
+        inner.lost.retain(|_, (at, _)| at.elapsed() < REMEMBERED);
         inner.lost.insert(prefix, (Instant::now(), names));
         inner.needs_scout = true;
     }

@@ -17,6 +17,9 @@ use crate::ros::{
     transport::{Discovery, RemotePublisher, Shared},
 };
 
+/// Most pairs of topics that are warned of: peers choose their names and types.
+const MOST_WARNINGS: usize = 1000;
+
 /// The entities of other sessions.
 pub(super) struct ZenohGraph {
     /// Zenoh id of the own session.
@@ -130,7 +133,9 @@ impl Known {
             }
             if other.is_exchanged_with(&key) {
                 peers.push(*gid);
-            } else if self.warned.insert((key.clone(), other.clone())) {
+            } else if self.warned.len() < MOST_WARNINGS
+                && self.warned.insert((key.clone(), other.clone()))
+            {
                 tracing::warn!(
                     "{} is not exchanged with node {}, which has another type or definition: {} {}, here {} {}",
                     key.name,

@@ -18,6 +18,9 @@ use crate::ros::{
 /// Requests that may wait for their reply; beyond it the oldest ends without one.
 const WAITING: usize = 4096;
 
+/// Sum of the lengths of such requests; beyond it the oldest end without a reply \[bytes\].
+const WAITING_BYTES: usize = 16 << 20;
+
 /// Requests that are remembered after their reply, so that one that arrives again is not served again.
 const REMEMBERED: usize = 4096;
 
@@ -62,6 +65,8 @@ struct Requests {
     requests: HashMap<Question, Request>,
     /// Those without a reply, in order of arrival.
     waiting: VecDeque<Question>,
+    /// Sum of their lengths \[bytes\].
+    waiting_bytes: usize,
     /// Those with one, in order of their replies.
     answered: VecDeque<Question>,
     /// Sum of the lengths of the replies \[bytes\].
@@ -71,6 +76,8 @@ struct Requests {
 struct Request {
     /// Some clients give all their requests the same number, but not the same time.
     time: Time,
+    /// Length of the request \[bytes\].
+    length: usize,
     state: RequestState,
 }
 
@@ -123,15 +130,18 @@ impl PendingQueries {
         }
         let request = Request {
             time: attachment.source_time,
+            length: cdr.len(),
             state: RequestState::Waiting(vec![query]),
         };
         let mut ended = vec![guard.forget_one(&question)];
-        if guard.waiting.len() >= WAITING
+        // One that is longer than all may be together is served alone.
+        while (guard.waiting.len() >= WAITING || guard.waiting_bytes + cdr.len() > WAITING_BYTES)
             && let Some(oldest) = guard.waiting.front().cloned()
         {
             ended.push(guard.forget_one(&oldest));
         }
         guard.waiting.push_back(question.clone());
+        guard.waiting_bytes += request.length;
         guard.requests.insert(question, request);
         // Queries end when they are dropped, and that sends: not while others wait for the lock.
         drop(guard);
@@ -158,7 +168,9 @@ impl PendingQueries {
         let kept = (reply.len() <= LONGEST_REPLY).then(|| reply.clone());
         let length = kept.as_ref().map_or(0, Bytes::len);
         request.state = RequestState::Answered(kept);
+        let asked = request.length;
         guard.kept += length;
+        guard.waiting_bytes -= asked;
         guard.waiting.retain(|other| *other != key);
         guard.answered.push_back(key);
         while (guard.answered.len() > REMEMBERED || guard.kept > KEPT_REPLIES)
@@ -191,7 +203,10 @@ impl Requests {
     fn forget_one(&mut self, question: &Question) -> Option<Request> {
         let request = self.requests.remove(question)?;
         let order = match &request.state {
-            RequestState::Waiting(_) => &mut self.waiting,
+            RequestState::Waiting(_) => {
+                self.waiting_bytes -= request.length;
+                &mut self.waiting
+            }
             RequestState::Answered(reply) => {
                 self.kept -= reply.as_ref().map_or(0, Bytes::len);
                 &mut self.answered
