@@ -130,6 +130,7 @@ def test_wrong_input_of_latches_is_refused(latches, servicer):
     latches.place_targets([0], far, nothing, nothing)
     data = latches.robots.data.copy(), latches.targets.data.copy()
     for call, text in [
+        (lambda: fuyu.Latches(latches.robots, latches.robots), "robots and targets are the same Batch"),
         (lambda: fuyu.Latches(latches.robots, few), "there are 5 robots and 4 targets"),
         (lambda: fuyu.Latches(latches.robots, latches.targets, tip="hand"), "hand"),
         (lambda: fuyu.Latches(latches.robots, latches.targets, kind="glue"), "kind: 'glue' is not one of weld, ball"),

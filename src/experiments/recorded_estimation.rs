@@ -94,7 +94,10 @@ const TOPICS: [(&str, Take); 4] = [
                 .zip(motion.turn_covariances.chunks_exact(9));
             let deviations = each.map(|(t, c)| {
                 let variance = c[0] + c[4] + c[8];
-                (stamp.saturating_add((t * 1e9) as i64), variance.max(0.0).sqrt())
+                (
+                    stamp.saturating_add((t * 1e9) as i64),
+                    variance.max(0.0).sqrt(),
+                )
             });
             estimation.motions.push(RecordedMotion {
                 time: stamp,

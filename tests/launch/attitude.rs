@@ -8,7 +8,7 @@ use fuyu::msg::{
     sensor_msgs::{Imu, JointState},
 };
 use serde_json::{Value, json};
-use std::{fs, path::PathBuf, process::Command, time::Duration};
+use std::{fs, path::PathBuf, process::Command, thread, time::Duration};
 use tempfile::TempDir;
 
 use crate::{
@@ -26,8 +26,13 @@ const DURATION: &str = "40";
 
 /// The scenario without its attitude node.
 fn without_attitude() -> (TempDir, PathBuf) {
+    without_nodes_from("attitude:\n")
+}
+
+/// The scenario without the nodes from one on, but with its recorder.
+fn without_nodes_from(first: &str) -> (TempDir, PathBuf) {
     let text = fs::read_to_string(source(CONFIG)).expect("a scenario");
-    let (before, after) = text.split_once("attitude:\n").expect("the node");
+    let (before, after) = text.split_once(first).expect("the node");
     let (_, recorder) = after.split_once("recorder:\n").expect("the node after it");
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("no_attitude.yaml");
@@ -181,6 +186,35 @@ fn laws_are_changed_while_the_base_is_held() {
         println!("largest turn {largest:.4} deg");
         assert!(largest < 0.3, "{largest} deg");
     });
+}
+
+// Without a controller nobody answers the first state, which is therefore published again and again, while torques of the wheels
+// come. Fails if they change the acceleration that the accelerometer has measured.
+#[test]
+fn a_state_that_is_published_again_has_the_same_measurements() {
+    let (_folder, config) = without_nodes_from("controller:\n");
+    let mut launch = Running::launch(215, &config, &["--lockstep"]);
+    let mut peer = peer_with_interfaces("wheels", 215);
+    peer.subscribe("imu", "sensor_msgs/msg/Imu", "reliable");
+    eventually("states", PATIENCE, || peer.receive("imu", 1).pop());
+    let torque = json!({"name": ["wheel_x", "wheel_y", "wheel_z"], "effort": [10.0, 0.0, 0.0]});
+    for _ in 0..10 {
+        peer.does(json!({
+            "do": "publish", "topic": "wheel_commands", "type": "sensor_msgs/msg/JointState", "message": torque,
+        }));
+        thread::sleep(Duration::from_millis(200));
+    }
+    launch.interrupt();
+    let bag = launch.bag();
+    assert!(!read::<JointState>(&bag, "/wheel_commands").is_empty());
+    let measured = read::<Imu>(&bag, "/imu");
+    assert!(measured.len() > 15, "{}", measured.len());
+    let is_first = |imu: &Imu| imu.header.stamp.nanos() == 0;
+    assert!(measured.iter().all(is_first), "time has advanced");
+    assert!(
+        measured.windows(2).all(|pair| pair[0] == pair[1]),
+        "{measured:?}"
+    );
 }
 
 /// Whether all messages of a topic are those of the simulated run; an isolated recorder may miss the first ones.

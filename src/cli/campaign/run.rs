@@ -110,7 +110,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         }
         (Engine::Dask, Some(_)) if args.jobs.is_some() => {
             return Err(Failure::Input(
-                "--jobs: with --engine dask, the workers of the scheduler decide; leave it out".to_owned(),
+                "--jobs: with --engine dask, the workers of the scheduler decide; leave it out"
+                    .to_owned(),
             ));
         }
         _ => {}

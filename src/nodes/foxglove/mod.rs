@@ -167,7 +167,8 @@ pub fn program(
                 parameters.add_node(&name);
                 // Names of other nodes may be invalid.
                 let offered = services::of_node(node, &name, &control).map_err(|e| e.to_string());
-                let served = offered.and_then(|offered| server.serve(offered).map_err(|e| e.to_string()));
+                let served =
+                    offered.and_then(|offered| server.serve(offered).map_err(|e| e.to_string()));
                 if let Err(e) = served {
                     tracing::warn!("{name}: its services are not offered: {e}");
                 }

@@ -190,7 +190,20 @@ fn nothing_is_no_push() {
 }
 
 // A batch of a few seconds predicts for some seconds only. Fails if a prediction that has failed by itself, because the next
-// batch is late, counts as a change of the motion.
+// batch is late, counts as a change of the motion. Each of these five bodies did when only the beginning of the error was
+// compared with the length of the batch.
+#[test]
+fn a_late_batch_is_no_push() {
+    let slow = Computer {
+        period: 1.0,
+        takes: 5.0,
+    };
+    for seed in [12, 13, 26, 40, 46] {
+        let changes = watch(900 + seed, 16.0, None, slow).changes;
+        assert!(changes.is_empty(), "body {seed}: changed at {changes:?} s");
+    }
+}
+
 #[test]
 #[ignore = "minutes"]
 fn a_slow_computer_is_no_push() {

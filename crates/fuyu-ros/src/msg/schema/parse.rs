@@ -304,6 +304,12 @@ mod tests {
         assert!(error("float64[x] w").contains("float64[x]"));
         assert!(error("float64[99999999999] w").contains("a million values"));
         assert!(error(&format!("float64 {}", "x".repeat(300))).contains("255 characters"));
+        // Without a value in them, but no less work to visit.
+        let nested = "A[4000000000] a\n===\nMSG: a/A\nB[4000000000] b\n===\nMSG: a/B\n";
+        assert!(error(nested).contains("a million values"));
+        assert!(
+            error("A[4000000000] a\n===\nMSG: a/A\nfloat64[0] x\n").contains("a million values")
+        );
     }
 
     #[test]

@@ -37,6 +37,18 @@ impl SequenceNumbers {
 mod tests {
     use super::*;
 
+    // Would break if publishers that have gone stayed forever, or if forgetting them counted holes.
+    #[test]
+    fn publishers_are_not_remembered_without_bound() {
+        let mut last = SequenceNumbers::default();
+        for k in 0..3 * MOST_PUBLISHERS as u64 {
+            let mut gid = [0; 16];
+            gid[..8].copy_from_slice(&k.to_le_bytes());
+            assert_eq!(last.missing_before(Gid::from(gid), 7), 0);
+        }
+        assert!(last.last.len() <= MOST_PUBLISHERS);
+    }
+
     // Would break if a late start, a repetition or another publisher's numbers counted as holes.
     #[test]
     fn missing_samples_are_counted_for_each_publisher() {
