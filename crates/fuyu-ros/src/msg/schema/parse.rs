@@ -296,7 +296,7 @@ mod tests {
 
     #[test]
     fn invalid_schemas_are_explained() {
-        let error = |text| Schema::parse("a/msg/B", text).unwrap_err().to_string();
+        let error = |text: &str| Schema::parse("a/msg/B", text).unwrap_err().to_string();
         assert!(error("Other x").contains("a/Other"));
         assert!(error("float64").contains("'float64'"));
         assert!(error("B b").contains("contains itself"));
@@ -305,7 +305,7 @@ mod tests {
         assert!(error("float64[99999999999] w").contains("a million values"));
         assert!(error(&format!("float64 {}", "x".repeat(300))).contains("255 characters"));
         // Without a value in them, but no less work to visit.
-        let nested = "A[4000000000] a\n===\nMSG: a/A\nB[4000000000] b\n===\nMSG: a/B\n";
+        let nested = "A[4000000000] a\n===\nMSG: a/A\nC[4000000000] c\n===\nMSG: a/C\n";
         assert!(error(nested).contains("a million values"));
         assert!(
             error("A[4000000000] a\n===\nMSG: a/A\nfloat64[0] x\n").contains("a million values")
