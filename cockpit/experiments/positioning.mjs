@@ -85,6 +85,9 @@ teleop:
     frame: base
     components: [vx, vy, vz]
     max_linear_speed: ${(2 * FULL_SPEED).toFixed(1)}
+recorder:
+  ros__parameters:
+    use_sim_time: true
 `,
   );
   return config;
