@@ -204,7 +204,7 @@ impl Detumbler {
             if of_couple > 0.0 {
                 share = share.min(-own / of_couple);
             } else if own > 0.0 {
-                least = least.max(-own / of_couple);
+                least = least.max(own / of_couple.abs());
             }
         }
         match least <= share {
@@ -349,9 +349,11 @@ mod tests {
         let (w, h) = ([0.0, -0.05, 0.0], [10.0, 0.0, 4.0]);
         let (_, kept) = rate([0.3, 5.0, 0.0], w, h);
         assert_eq!(kept, Vector3::zeros());
-        // Nothing asked about the full axis.
-        let (_, kept) = rate([0.0, 0.5, 0.0], w, h);
-        assert_eq!(kept, Vector3::zeros());
+        // Nothing asked about the full axis, which turns either way.
+        for h in [h, [-10.0, 0.0, -4.0]] {
+            let (_, kept) = rate([0.0, 0.5, 0.0], w, h);
+            assert_eq!(kept, Vector3::zeros());
+        }
         // The couple unloads the full wheel by as much as it takes.
         let (given, change) = rate([0.3, 0.5, 0.0], w, h);
         assert_eq!(given, Vector3::new(0.3, 0.5, 0.0));
