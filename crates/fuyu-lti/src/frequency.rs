@@ -29,7 +29,8 @@ const OFFSETS: [f64; 14] = [
 ];
 
 impl StateSpace {
-    /// Frequencies in rad/s from `low` to `high`, `per_decade` in each decade, with further points around every lightly damped pole and zero. Ascending.
+    /// Frequencies in rad/s from `low` to `high`, `per_decade` in each decade, with further points around every lightly damped pole and zero. Ascending; of a
+    /// discrete system, none above pi over the sampling time.
     pub fn frequency_grid(
         &self,
         low: f64,
@@ -43,7 +44,21 @@ impl StateSpace {
                 expected: "positive and below the highest",
             });
         }
+        let high = high.min(self.nyquist_frequency());
+        if high <= low {
+            return Err(LtiError::Range {
+                what: "the lowest frequency".into(),
+                value: low,
+                expected: "below pi over the sampling time",
+            });
+        }
         Ok(self.grid_around(&self.features()?, low, high, per_decade))
+    }
+
+    /// The highest frequency that samples show \[rad/s\]; infinite for a continuous system.
+    pub(crate) fn nyquist_frequency(&self) -> f64 {
+        self.sampling_time
+            .map_or(f64::INFINITY, |h| std::f64::consts::PI / h)
     }
 
     fn grid_around(
@@ -53,9 +68,6 @@ impl StateSpace {
         high: f64,
         per_decade: usize,
     ) -> Vec<f64> {
-        let high = self
-            .sampling_time
-            .map_or(high, |h| high.min(std::f64::consts::PI / h));
         let decades = (high / low).log10();
         let count = ((decades * per_decade.max(1) as f64).ceil() as usize).clamp(2, 200_000);
         let mut grid: Vec<f64> = (0..=count)
@@ -96,7 +108,8 @@ impl StateSpace {
         Ok(out)
     }
 
-    /// A grid from a hundredth of the slowest to a hundred times the fastest pole or zero.
+    /// A grid from a hundredth of the slowest to a hundred times the fastest pole or zero, and at least from 0.01 to 100 rad/s; of a
+    /// discrete system, up to pi over the sampling time.
     pub(crate) fn natural_grid(&self, per_decade: usize) -> Result<Vec<f64>, LtiError> {
         let features = self.features()?;
         let sizes: Vec<f64> = features
@@ -104,8 +117,9 @@ impl StateSpace {
             .map(|p| p.norm())
             .filter(|&w| w > 1e-6 && w < 1e12)
             .collect();
-        let low = sizes.iter().copied().fold(1.0, f64::min) / 100.0;
-        let high = sizes.iter().copied().fold(1.0, f64::max) * 100.0;
+        let nyquist = self.nyquist_frequency();
+        let low = (sizes.iter().copied().fold(1.0, f64::min) / 100.0).min(nyquist / 100.0);
+        let high = (sizes.iter().copied().fold(1.0, f64::max) * 100.0).min(nyquist);
         Ok(self.grid_around(&features, low, high, per_decade))
     }
 

@@ -55,8 +55,8 @@ impl Margins {
 
 /// Margins of the open loop L, with one input and one output, that is closed by negative feedback.
 ///
-/// Crossovers are bracketed on a grid that resolves every pole and zero, and refined by bisection to rounding. They are margins of
-/// stability only if the closed loop is stable.
+/// Crossovers are bracketed on a grid that resolves every pole and zero, and refined by bisection to rounding. The grid is extended, by up
+/// to 12 decades on either side, to where the gain crosses 1. They are margins of stability only if the closed loop is stable.
 ///
 /// ```
 /// use fuyu_lti::{TransferFunction, margins};
@@ -70,11 +70,12 @@ impl Margins {
 pub fn margins(open_loop: &StateSpace) -> Result<Margins, LtiError> {
     shaped("D of the loop", &open_loop.d, 1, 1)?;
     let value = |w: f64| open_loop.response(w).ok().map(|g| g[(0, 0)]);
-    let samples: Vec<(f64, Complex)> = open_loop
-        .natural_grid(120)?
+    let mut samples: Vec<(f64, Complex)> = open_loop
+        .natural_grid(PER_DECADE)?
         .into_iter()
         .filter_map(|w| Some((w, value(w)?)))
         .collect();
+    extend_to_crossovers(&mut samples, open_loop.nyquist_frequency(), value);
     let mut out = Margins {
         phase: Vec::new(),
         gain: Vec::new(),
@@ -124,6 +125,49 @@ pub fn margins(open_loop: &StateSpace) -> Result<Margins, LtiError> {
     Ok(out)
 }
 
+/// Points of the grid in each decade.
+const PER_DECADE: usize = 120;
+
+/// Most decades by which the grid is extended on either side.
+const MOST_DECADES: usize = 12;
+
+/// Extends ascending samples of a loop at both ends, decade by decade up to `highest` \[rad/s\], while the gain there goes towards 1 and
+/// has not crossed it.
+fn extend_to_crossovers(
+    samples: &mut Vec<(f64, Complex)>,
+    highest: f64,
+    value: impl Fn(f64) -> Option<Complex>,
+) {
+    for factor in [0.1, 10.0] {
+        let mut added = Vec::new();
+        let end = if factor > 1.0 {
+            samples.last()
+        } else {
+            samples.first()
+        };
+        let Some(&(mut w, mut g)) = end else {
+            return;
+        };
+        for _ in 0..MOST_DECADES {
+            let next = (w * factor).min(highest);
+            let Some(beyond) = value(next).filter(|_| next != w) else {
+                break;
+            };
+            // A loop that is constant here never crosses.
+            let slope = (beyond.norm() / g.norm()).ln() / (next / w).ln().abs();
+            if !(g.norm() > 1.0 && slope < -0.1 || g.norm() < 1.0 && slope > 0.1) {
+                break;
+            }
+            let points =
+                (1..=PER_DECADE).map(|i| w * (next / w).powf(i as f64 / PER_DECADE as f64));
+            added.extend(points.filter_map(|w| Some((w, value(w)?))));
+            (w, g) = (next, beyond);
+        }
+        samples.extend(added);
+        samples.sort_by(|a, b| a.0.total_cmp(&b.0));
+    }
+}
+
 /// The place between two frequencies where the sign of f changes; f is `None` at a pole.
 fn bisect(mut low: f64, mut high: f64, f: impl Fn(f64) -> Option<f64>) -> f64 {
     let start = f(low).unwrap_or(0.0) > 0.0;
@@ -165,4 +209,51 @@ pub fn loop_at_input(
     let sorted = full.select(&order, &order)?;
     let others = StateSpace::gain(-crate::matrix::identity(m - 1));
     sorted.lower_lft(&others, m - 1, m - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::TransferFunction;
+
+    // Crossovers far from every pole, by hand. They are missed by a grid that follows the poles alone.
+    #[test]
+    fn crossovers_far_from_the_poles_are_found() {
+        let crossovers = |numerator: &[f64], denominator: &[f64]| {
+            let l = TransferFunction::new(numerator, denominator).unwrap();
+            margins(&l.to_state_space().unwrap()).unwrap().phase
+        };
+        // w² (w² + 1) = 1e10.
+        let w = ((1.0 + 4e10_f64).sqrt() / 2.0 - 0.5).sqrt();
+        let degrees = (1.0 / w).atan().to_degrees();
+        let found = crossovers(&[1e5], &[1.0, 1.0, 0.0]);
+        assert_eq!(found.len(), 1);
+        assert!((found[0].frequency / w - 1.0).abs() < 1e-9, "{found:?}");
+        assert!((found[0].degrees - degrees).abs() < 1e-6, "{found:?}");
+        for gain in [1e-3, 1e3, 1e-9, 1e9] {
+            let found = crossovers(&[gain], &[1.0, 0.0]);
+            assert_eq!(found.len(), 1, "{gain}");
+            assert!((found[0].frequency / gain - 1.0).abs() < 1e-9, "{found:?}");
+            assert!((found[0].degrees - 90.0).abs() < 1e-6, "{found:?}");
+        }
+        // A differentiator with lag: 1e6 w = sqrt(w² + 1).
+        let found = crossovers(&[1e6, 0.0], &[1.0, 1.0]);
+        assert_eq!(found.len(), 1);
+        assert!((found[0].frequency - 1e-6).abs() < 1e-12, "{found:?}");
+        // Constant at both ends.
+        assert!(crossovers(&[2.0, 6.0], &[1.0, 2.0]).is_empty());
+    }
+
+    // Samples of an integrator every 1000 s, whose highest frequency is below that of the usual grid.
+    #[test]
+    fn a_slowly_sampled_loop_has_its_crossover() {
+        let one = |x: f64| crate::matrix::Matrix::from_element(1, 1, x);
+        let l = StateSpace::discrete(one(1.0), one(1.0), one(0.5), one(0.0), 1000.0).unwrap();
+        // |0.5 / (e^(jwh) - 1)| = 0.25 / sin(w h / 2).
+        let found = margins(&l).unwrap().phase;
+        let w = 2.0 * 0.25_f64.asin() / 1000.0;
+        assert_eq!(found.len(), 1);
+        assert!((found[0].frequency / w - 1.0).abs() < 1e-9, "{found:?}");
+        assert!(l.frequency_grid(0.01, 1.0, 10).is_err());
+    }
 }

@@ -49,6 +49,7 @@ pub fn shaped_lqr(
     weights: &ShapedWeights,
 ) -> Result<ShapedRegulator, LtiError> {
     plant.require_continuous("a frequency-shaped regulator")?;
+    plant.require_no_feedthrough("the plant")?;
     positive("rho", weights.rho)?;
     let (n, m) = (plant.order(), plant.inputs());
     let ny = weights.controlled.nrows();

@@ -48,7 +48,7 @@ pub struct Scene {
     pub stars: Vec<Star>,
     /// Brightness of stars; 1 is physical.
     pub star_gain: f64,
-    /// Columns and rows of the shadow map.
+    /// Columns and rows of all shadow maps together: each of n maps has this over sqrt(n), within limits (64 to 8192).
     pub shadow_resolution: usize,
 }
 

@@ -20,7 +20,8 @@ pub struct Star {
 const NAKED_EYE: f64 = 9100.0;
 
 impl Star {
-    /// A sky that does not exist but has as many stars as the real one, evenly distributed, up to `faintest` magnitudes:
+    /// A sky that does not exist but has as many stars as the real one, evenly distributed, up to `faintest` magnitudes, or 9
+    /// if that is more:
     /// log10 N(m) = 3.96 + 0.51 (m - 6.5) (Allen, Astrophysical Quantities, for bright stars).
     pub fn random_sky(faintest: f64, seed: u64) -> Vec<Self> {
         let count = NAKED_EYE * 10_f64.powf(0.51 * (faintest.min(9.0) - 6.5));
@@ -46,11 +47,20 @@ const SUN_MAGNITUDE: f64 = -26.74;
 /// Standard deviation of a star's image \[px\].
 const BLUR: f64 = 0.6;
 
+/// Solid angle \[sr\] that a pixel at `[u, v]` sees: that between the rays of its edges, `cos³ / (fx fy)` for a pinhole. `None`
+/// where the lens shows nothing.
+fn solid_angle(camera: &Camera, [u, v]: [f64; 2]) -> Option<f64> {
+    let ray = |u: f64, v: f64| Some(camera.ray([u, v])?.normalize());
+    let across = ray(u + 0.5, v)? - ray(u - 0.5, v)?;
+    let down = ray(u, v + 0.5)? - ray(u, v - 0.5)?;
+    Some(across.cross(&down).norm())
+}
+
 /// Adds the stars that nothing hides to `radiance`, as seen by one of `samples` samples. `sees_sky` says whether a pixel's
 /// ray meets no body.
 ///
-/// A white surface of one pixel sends `E fx fy / pi`-th the light of the Sun into the lens, a star its own irradiance; the
-/// ratio is what the star adds to a pixel.
+/// In sunlight of irradiance `E`, a white surface that fills a pixel of solid angle `W` sends `E W / pi` into the lens; a star
+/// sends its own irradiance. The ratio is what the star adds to a pixel.
 pub fn add(
     scene: &Scene,
     camera: &Camera,
@@ -59,9 +69,8 @@ pub fn add(
     sees_sky: impl Fn(usize) -> bool,
     samples: usize,
 ) {
-    let k = camera.intrinsics();
     let (width, height) = (frame.width as i64, frame.height as i64);
-    let pixel = std::f64::consts::PI * k.fx * k.fy * scene.star_gain / samples as f64;
+    let white = std::f64::consts::PI * scene.star_gain / samples as f64;
     let R_CW = X_WC.rotation.inverse();
     let p_W = X_WC.translation.vector;
     for star in &scene.stars {
@@ -82,7 +91,10 @@ pub fn add(
         if (scene.earth).is_some_and(|earth| earth.hit(&p_W, &star.direction).is_some()) {
             continue;
         }
-        let flux = pixel * 10_f64.powf(-0.4 * (star.magnitude - SUN_MAGNITUDE));
+        let Some(solid_angle) = solid_angle(camera, [u, v]) else {
+            continue;
+        };
+        let flux = white / solid_angle * 10_f64.powf(-0.4 * (star.magnitude - SUN_MAGNITUDE));
         let (column, row) = (u.round() as i64, v.round() as i64);
         let weight = |x: f64| (-0.5 * (x / BLUR).powi(2)).exp();
         let along =

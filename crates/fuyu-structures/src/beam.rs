@@ -156,7 +156,8 @@ impl Beam {
 
     /// Stiffness that the tension of a rotation adds, for 1 rad/s: `∫ N w'² ds` with `N(s) = ∫ m (r + ξ) dξ` from `s` to the
     /// tip, where `r` is the distance of the root from the axis. Multiply by Ω². A beam that bends in the plane of rotation
-    /// (lag) has `M` subtracted in addition; one that bends along the axis (flap) has not.
+    /// (lag) has Ω² times the part of `M` that belongs to translation (without the bodies' rotary inertia) subtracted in
+    /// addition; one that bends along the axis (flap) has not.
     ///
     /// # Errors
     /// As [`Beam::matrices`]; a hub radius that is negative or not finite.

@@ -115,7 +115,10 @@ pub(crate) fn count(
 
 /// Rejects an index that is not below `n`.
 pub(crate) fn index(field: impl Display, value: usize, n: usize) -> Result<(), StructureError> {
-    count(field, value, 0, n.saturating_sub(1))
+    match n {
+        0 => in_range(field, value as f64, false, "absent, as there is none").map(drop),
+        _ => count(field, value, 0, n - 1),
+    }
 }
 
 /// The indices below `n` other than those in `some`, which have to be below `n` as well.
@@ -156,4 +159,18 @@ pub(crate) fn size(
         found: format!("{} x {} entries", found.0, found.1),
         expected: format!("{} x {}", expected.0, expected.1),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // The largest index of nothing is not 0.
+    #[test]
+    fn nothing_has_no_index() {
+        let message = |value, n| index("node", value, n).unwrap_err().to_string();
+        assert!(message(0, 0).contains("node") && message(0, 0).contains("none"));
+        assert!(message(2, 2).contains("from 0 to 1"));
+        assert_eq!(index("node", 1, 2), Ok(()));
+    }
 }

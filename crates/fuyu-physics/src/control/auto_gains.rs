@@ -1,5 +1,7 @@
 //! Gains from the inertia of the robot and the sampling period.
 
+use std::f64::consts::PI;
+
 use nalgebra::{DMatrix, DVector, Matrix6xX};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
@@ -25,7 +27,8 @@ pub struct AutoGains {
 
 impl AutoGains {
     /// Gains for the tip `tip` of `model`, sampled with `period` \[s\]. They depend on nothing else: the postures are the same in every
-    /// call. `None` for a robot without joints, or with a reduced inertia that is not positive definite.
+    /// call. `None` for a robot without joints, with a reduced inertia that is not positive definite, or of which no joint moves
+    /// the tip's position.
     ///
     /// - `k_v` has the proportions of the inertia that each joint moves while the others are free, `1 / (Ĥ⁻¹)_jj`, in the posture where it is
     ///   least. Their size is such that the largest eigenvalue of `Ĥ⁻¹ K_V` times the period is 1/4 in the worst posture: inside the stability
@@ -102,13 +105,21 @@ impl AutoGains {
     }
 }
 
-/// A position of `joint` in posture `k`: zero (or the nearest position) in the first one, then any.
+/// A position of `joint` in posture `k`: zero (or the nearest position) in the first one, then any within its limits; within
+/// a turn, or 2 m of a slider without limits, as near to zero as possible.
 fn position(joint: &Joint, k: usize, random: &mut StdRng) -> f64 {
-    let half_turn = std::f64::consts::PI;
     let (lower, upper) = (joint.limits.lower, joint.limits.upper);
-    let (lower, upper) = match joint.kind.is_rotational() {
-        true => (lower.max(-half_turn), upper.min(half_turn)),
-        false => (lower.max(-1.0), upper.min(1.0)),
+    // A full turn has all postures; a slider without limits has none that is farthest.
+    let (half, is_long) = match joint.kind.is_rotational() {
+        true => (PI, upper - lower > 2.0 * PI),
+        false => (1.0, !(upper - lower).is_finite()),
+    };
+    let (lower, upper) = match is_long {
+        true => {
+            let lower = (-half).clamp(lower, upper - 2.0 * half);
+            (lower, lower + 2.0 * half)
+        }
+        false => (lower, upper),
     };
     match lower < upper {
         true if k > 0 => random.random_range(lower..upper),
@@ -160,5 +171,42 @@ mod tests {
             assert!((fast.joint_k_p[j] / slow.joint_k_p[j] - 4.0).abs() < 1e-12);
         }
         assert!((fast.gains.k_p / slow.gains.k_p - 4.0).abs() < 1e-9);
+    }
+
+    // Limits far from zero were cut to +-1 m and +-pi: most of their range had no posture.
+    #[test]
+    fn postures_fill_the_limits() {
+        let range = |kind: &str, limits: &str| {
+            let xml = include_str!("../../../../urdf/planar_two_link.urdf");
+            let joint2 = "<joint name=\"joint2\" type=\"continuous\">";
+            assert!(xml.contains(joint2));
+            let limited = format!("<joint name=\"joint2\" type=\"{kind}\">{limits}");
+            let model = Model::from_urdf(&xml.replace(joint2, &limited), "planar").unwrap();
+            let mut random = StdRng::seed_from_u64(1);
+            let all = (0..500).map(|k| position(&model.joints()[1], k, &mut random));
+            all.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| {
+                (low.min(q), high.max(q))
+            })
+        };
+        let limit = |lower: f64, upper: f64| {
+            format!("<limit lower=\"{lower}\" upper=\"{upper}\" velocity=\"1\" effort=\"9\"/>")
+        };
+        for (kind, limits, expected) in [
+            ("prismatic", limit(0.0, 5.0), (0.0, 5.0)),
+            ("prismatic", limit(2.0, 5.0), (2.0, 5.0)),
+            ("revolute", limit(3.5, 5.0), (3.5, 5.0)),
+            ("revolute", limit(-2.0, 3.0), (-2.0, 3.0)),
+            ("revolute", limit(-7.0, 7.0), (-PI, PI)),
+            ("revolute", limit(1.0, 9.0), (1.0, 1.0 + 2.0 * PI)),
+            ("continuous", String::new(), (-PI, PI)),
+        ] {
+            let (low, high) = range(kind, &limits);
+            let near = 0.05 * (expected.1 - expected.0);
+            assert!(low >= expected.0 && low < expected.0 + near, "{kind} {low}");
+            assert!(
+                high <= expected.1 && high > expected.1 - near,
+                "{kind} {high}"
+            );
+        }
     }
 }

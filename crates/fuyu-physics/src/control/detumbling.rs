@@ -10,6 +10,8 @@ use std::f64::consts::FRAC_PI_4;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use crate::estimation::elliptic::carlson_rf;
+
 /// An external couple against the angular momentum, as thrusters give it; or the couple by which wheels take up a
 /// body's momentum.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,15 +37,23 @@ impl BrakingCouple {
     /// When a body with angular momentum `momentum` \[N m s\] rests \[s\]; infinite for a proportional couple.
     pub fn duration(self, momentum: f64) -> f64 {
         match self {
+            _ if momentum == 0.0 => 0.0,
             Self::Constant(torque) => momentum / torque,
-            Self::Proportional(_) if momentum == 0.0 => 0.0,
             Self::Proportional(_) => f64::INFINITY,
         }
     }
 
-    /// Progress after `t` \[s\] from angular momentum `momentum` \[N m s\].
+    /// Progress after `t` \[s\] from angular momentum `momentum` \[N m s\]. A body at rest stays where it is, with factor 0.
     pub fn slowdown(self, momentum: f64, t: f64) -> Slowdown {
         match self {
+            _ if momentum == 0.0 => Slowdown {
+                time: 0.0,
+                factor: 0.0,
+            },
+            Self::Proportional(0.0) => Slowdown {
+                time: t,
+                factor: 1.0,
+            },
             Self::Constant(torque) => {
                 let t = t.min(self.duration(momentum));
                 Slowdown {
@@ -124,7 +134,10 @@ impl GraspForceLimit {
         let sin = rate / fastest;
         let square = sin * sin;
         // F(φ | m) = sin φ R_F(cos² φ, 1 - m sin² φ, 1), DLMF 19.25.5.
-        sin * carlson_rf(1.0 - square, 1.0 + square, 1.0) / fastest
+        match 1.0 - square {
+            left if left > -1e-12 => sin * carlson_rf(left.max(0.0), 1.0 + square, 1.0) / fastest,
+            _ => f64::NAN,
+        }
     }
 
     /// Angle until rest \[rad\].
@@ -136,36 +149,6 @@ impl GraspForceLimit {
             0.5 * sin.asin()
         }
     }
-}
-
-/// Carlson's symmetric integral of the first kind by duplication (DLMF 19.36.1).
-fn carlson_rf(mut x: f64, mut y: f64, mut z: f64) -> f64 {
-    if x < 0.0 && x > -1e-12 {
-        x = 0.0;
-    }
-    if !(x >= 0.0 && y > 0.0 && z > 0.0) {
-        return f64::NAN;
-    }
-    for _ in 0..60 {
-        let mean = (x + y + z) / 3.0;
-        let spread = [x, y, z]
-            .map(|v| (1.0 - v / mean).abs())
-            .into_iter()
-            .fold(0.0, f64::max);
-        if spread < 1e-3 {
-            break;
-        }
-        let shift = (x * y).sqrt() + (y * z).sqrt() + (z * x).sqrt();
-        (x, y, z) = (0.25 * (x + shift), 0.25 * (y + shift), 0.25 * (z + shift));
-    }
-    let mean = (x + y + z) / 3.0;
-    let [a, b, c] = [x, y, z].map(|v| 1.0 - v / mean);
-    let (e2, e3) = (a * b - c * c, a * b * c);
-    let series = 1.0 - e2 / 10.0 + e3 / 14.0 + e2 * e2 / 24.0
-        - 3.0 / 44.0 * e2 * e3
-        - 5.0 / 208.0 * e2 * e2 * e2
-        + 3.0 / 104.0 * e3 * e3;
-    series / mean.sqrt()
 }
 
 /// A joint between base and target that brakes their relative rotation in a plane.
@@ -206,5 +189,44 @@ impl JointBrake {
     /// Rate of both afterwards \[rad/s\], from their angular momentum together \[N m s\].
     pub fn common_rate(&self, momentum: f64) -> f64 {
         momentum / (self.base + self.target)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Both divided zero by zero.
+    #[test]
+    fn a_body_at_rest_and_a_couple_of_zero_change_nothing() {
+        let at_rest = Slowdown {
+            time: 0.0,
+            factor: 0.0,
+        };
+        let free = Slowdown {
+            time: 3.0,
+            factor: 1.0,
+        };
+        for couple in [BrakingCouple::Constant, BrakingCouple::Proportional] {
+            for size in [0.0, 2.0] {
+                assert_eq!(couple(size).slowdown(0.0, 3.0), at_rest);
+                assert_eq!(couple(size).duration(0.0), 0.0);
+            }
+            assert_eq!(couple(0.0).slowdown(5.0, 3.0), free);
+        }
+    }
+
+    // F(π/2 | -1) = 1.3110287771461 (half of the lemniscate constant).
+    #[test]
+    fn the_time_at_the_limit_of_the_force_is_lemniscatic() {
+        let limit = GraspForceLimit {
+            mass: 2.0,
+            radius: 0.5,
+            force: 4.0,
+        };
+        let fastest = limit.holdable_rate();
+        let time = limit.time(fastest);
+        assert!((time - 1.311_028_777_146_1 / 2.0).abs() < 1e-12, "{time}");
+        assert!(limit.time(1.01 * fastest).is_nan());
     }
 }

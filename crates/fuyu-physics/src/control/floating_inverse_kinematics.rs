@@ -27,8 +27,10 @@ const DESCENT: DampedDescent = DampedDescent {
 const PIECES: usize = 12;
 /// Distance that is kept from position limits \[rad or m\], so that a tracking error does not end at a stop.
 const MARGIN: f64 = 0.02;
-/// Largest turn from the start, of joints without limits \[rad or m\].
-const FARTHEST: f64 = std::f64::consts::PI;
+/// Largest turn from the start, of joints without limits \[rad\].
+const LARGEST_TURN: f64 = 2.0 * std::f64::consts::PI;
+/// Largest way from the start, of sliders without limits \[m\].
+const LARGEST_WAY: f64 = 6.0;
 
 /// Inverse kinematics of an arm on a free-floating base without momentum, whose joints move along a straight line in joint space:
 /// the base turns as eq. (4.23) of Masutani 1995 demands, integrated along the line, and the system's centre of mass stays. The
@@ -226,8 +228,12 @@ impl TipSearch for Search<'_> {
 fn range(joint: &Joint, q: f64) -> [f64; 2] {
     let limits = &joint.limits;
     let margin = MARGIN.min(0.1 * (limits.upper - limits.lower));
-    let lower = (limits.lower + margin).max(q.min(limits.upper) - 2.0 * FARTHEST);
-    let upper = (limits.upper - margin).min(q.max(limits.lower) + 2.0 * FARTHEST);
+    let farthest = match joint.kind.is_rotational() {
+        true => LARGEST_TURN,
+        false => LARGEST_WAY,
+    };
+    let lower = (limits.lower + margin).max(q.min(limits.upper) - farthest);
+    let upper = (limits.upper - margin).min(q.max(limits.lower) + farthest);
     match lower <= upper {
         true => [lower, upper],
         false => [q, q],

@@ -128,7 +128,7 @@ impl OperabilityMap {
         Ok(Self { points })
     }
 
-    /// Fraction of the area selected by `among` in which `holds` is true.
+    /// Fraction of the area selected by `among` in which `holds` is true; zero if nothing is selected.
     pub fn share(
         &self,
         among: impl Fn(&MapPoint) -> bool,
@@ -139,7 +139,7 @@ impl OperabilityMap {
             area += point.area;
             held += f64::from(u8::from(holds(&point.operability))) * point.area;
         }
-        held / area
+        if area > 0.0 { held / area } else { 0.0 }
     }
 
     /// The point with the least value of `figure`.

@@ -30,6 +30,9 @@ impl Default for OperatorConfig {
     }
 }
 
+/// Most images for which memory is reserved; with a period of zero every command has one.
+const MOST_EXPECTED: f64 = 1e4;
+
 /// An operator after the crossover model of manual control (McRuer): proportional with a delay, `k e^(-τs)`.
 /// Deterministic.
 #[derive(Debug, Clone)]
@@ -47,7 +50,9 @@ impl Operator {
     /// An operator who has seen no image yet and commands zero.
     pub fn new(config: OperatorConfig) -> Self {
         // At most one image per period is within the reaction time.
-        let capacity = (config.reaction / config.image_period).ceil();
+        let capacity = (config.reaction / config.image_period)
+            .ceil()
+            .min(MOST_EXPECTED);
         Self {
             config,
             images: VecDeque::with_capacity(capacity as usize + 2),
@@ -85,6 +90,21 @@ impl Operator {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    // Memory for infinitely many images cannot be reserved.
+    #[test]
+    fn every_command_may_have_an_image() {
+        let mut operator = Operator::new(OperatorConfig {
+            image_period: 0.0,
+            ..OperatorConfig::default()
+        });
+        for i in 0..100 {
+            let time = f64::from(i) * 0.01;
+            let command = operator.command(time, &Vector3::new(time, 0.0, 0.0));
+            let shown = (time - 0.25).clamp(0.0, 0.5);
+            assert!((command.x - shown).abs() < 1e-9, "{time}: {command}");
+        }
+    }
 
     #[test]
     fn commands_follow_the_images_after_the_reaction_time() {

@@ -210,7 +210,7 @@ pub fn modulus_with_2kK(x: f64) -> Modulus {
 }
 
 /// Carlson's `R_F(x, y, z)`; arguments not negative, at most one zero.
-fn carlson_rf(x: f64, y: f64, z: f64) -> f64 {
+pub(crate) fn carlson_rf(x: f64, y: f64, z: f64) -> f64 {
     let start = (x + y + z) / 3.0;
     let (dx, dy) = (start - x, start - y);
     // (3 ε)^(-1/6) for ε = 1e-17.

@@ -61,8 +61,11 @@ impl Filter {
         let pixel = 2.0 / (solution.camera.fx + solution.camera.fy);
         let observations = (solution.poses.len() * solution.points.len()).max(1) as f64;
         let turn = 3.0 * noise * pixel / observations.sqrt();
-        for k in 0..3 {
-            state.covariance[(k, k)] += turn * turn;
+        let conditional = state.others.as_mut().map(|others| &mut others.conditional);
+        for covariance in std::iter::once(&mut state.covariance).chain(conditional) {
+            for k in 0..3 {
+                covariance[(k, k)] += turn * turn;
+            }
         }
         let acceleration_walk = state.acceleration_walk;
         Some(Self {

@@ -91,7 +91,8 @@ pub struct MotionState {
     pub others: Option<OtherMotions>,
 }
 
-/// Motions that explain the observations as well as that of the state.
+/// Motions that explain the observations as well as that of the state. Predictions move them like the state;
+/// measurements do not correct them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OtherMotions {
     /// The motions, at the time of the state, with their weights; the state's own weight is the rest to one.
@@ -109,14 +110,14 @@ impl MotionState {
         }
     }
 
-    /// Attitudes at ascending `times`, all after the state's time or all before, and the derivatives of the rotation
+    /// Attitudes of a motion at ascending `times`, all after its time or all before, and the derivatives of the rotation
     /// there by the states, body axes: `R exp([X δ]×)`.
     fn rotations_by_state(
-        &self,
+        motion: &FreeMotion,
         times: &[f64],
     ) -> Vec<(UnitQuaternion<f64>, SMatrix<f64, 3, STATES>)> {
-        let from = self.motion.time;
-        let rate = self.motion.w_WB_B(&self.motion.R_WB).norm();
+        let from = motion.time;
+        let rate = motion.w_WB_B(&motion.R_WB).norm();
         let is_before = times.first().is_some_and(|t| *t < from);
         let mut order: Vec<f64> = times.to_vec();
         if is_before {
@@ -138,13 +139,13 @@ impl MotionState {
             nodes.reverse();
             wanted = wanted.iter().rev().map(|i| count - 1 - i).collect();
         }
-        let attitudes = self.motion.attitudes_and_sensitivities(&nodes);
-        let all = responses(&self.motion, &nodes, &attitudes, |_| [1.0]);
+        let attitudes = motion.attitudes_and_sensitivities(&nodes);
+        let all = responses(motion, &nodes, &attitudes, |_| [1.0]);
         let each = wanted.into_iter().map(|i| {
             let (R, S) = attitudes[i];
             let mut X = SMatrix::<f64, 3, STATES>::zeros();
             X.fixed_columns_mut::<3>(0)
-                .copy_from(&self.motion.turn_by_turn(&S));
+                .copy_from(&motion.turn_by_turn(&S));
             X.fixed_columns_mut::<PARAMETERS>(3).copy_from(&S);
             X.fixed_columns_mut::<3>(ACCELERATION)
                 .copy_from(&all[i].turn[0]);
@@ -153,9 +154,12 @@ impl MotionState {
         each.collect()
     }
 
-    fn rotation_by_state(&self, to: f64) -> (UnitQuaternion<f64>, SMatrix<f64, 3, STATES>) {
-        let only = self.rotations_by_state(&[to]).pop();
-        only.unwrap_or_else(|| (self.motion.R_WB, SMatrix::zeros()))
+    fn rotation_by_state(
+        motion: &FreeMotion,
+        to: f64,
+    ) -> (UnitQuaternion<f64>, SMatrix<f64, 3, STATES>) {
+        let only = Self::rotations_by_state(motion, &[to]).pop();
+        only.unwrap_or_else(|| (motion.R_WB, SMatrix::zeros()))
     }
 
     /// Covariances of the rotations between the state's time and ascending `times` after it \[s\], if they are
@@ -225,7 +229,9 @@ impl MotionState {
 
     fn linear_or_sampled(&self, times: &[f64]) -> Vec<Matrix3<f64>> {
         let before = SMatrix::<f64, 3, STATES>::identity();
-        let each = self.rotations_by_state(times).into_iter().zip(times);
+        let each = Self::rotations_by_state(&self.motion, times)
+            .into_iter()
+            .zip(times);
         let mut covariances: Vec<Matrix3<f64>> = each
             .map(|((R, X), t)| self.spread(&R, &(X - before), *t))
             .collect();
@@ -303,8 +309,8 @@ impl MotionState {
             let only = self.turn_covariances(&[to]);
             return only.into_iter().sum();
         }
-        let (R, X) = self.rotation_by_state(to);
-        let before = self.rotation_by_state(from).1;
+        let (R, X) = Self::rotation_by_state(&self.motion, to);
+        let before = Self::rotation_by_state(&self.motion, from).1;
         self.spread(&R, &(X - before), to)
     }
 
@@ -392,7 +398,8 @@ impl MotionState {
     /// Propagates the state to `time` \[s\].
     pub fn predict(&mut self, time: f64, disturbance: &Disturbance) {
         let step = time - self.motion.time;
-        let (R_WB, by_state) = self.rotation_by_state(time);
+        let walk = disturbance.momentum_walk * self.motion.momentum.norm();
+        let by_state = advance(&mut self.motion, &self.acceleration, time);
         let mut transition = StateCovariance::identity();
         transition
             .fixed_view_mut::<3, STATES>(0, 0)
@@ -400,25 +407,22 @@ impl MotionState {
         for k in 0..3 {
             transition[(8 + k, ACCELERATION + k)] = step;
         }
-        self.covariance = transition * self.covariance * transition.transpose();
-        let walk = disturbance.momentum_walk * self.motion.momentum.norm();
-        for k in 0..3 {
-            self.covariance[(8 + k, 8 + k)] += walk * walk * step.abs();
-            self.covariance[(ACCELERATION + k, ACCELERATION + k)] +=
-                disturbance.acceleration_walk.powi(2) * step.abs();
-        }
-        let turn = by_state.fixed_columns::<3>(ACCELERATION) * self.acceleration;
+        let mut noise = StateVector::zeros();
+        noise.fixed_rows_mut::<3>(8).fill(walk * walk * step.abs());
+        noise
+            .fixed_rows_mut::<3>(ACCELERATION)
+            .fill(disturbance.acceleration_walk.powi(2) * step.abs());
+        let noise = StateCovariance::from_diagonal(&noise);
+        let propagate = |covariance: &mut StateCovariance| {
+            *covariance = transition * *covariance * transition.transpose() + noise;
+        };
+        propagate(&mut self.covariance);
         if let Some(others) = &mut self.others {
-            others.conditional = transition * others.conditional * transition.transpose();
+            propagate(&mut others.conditional);
             for (_, other) in &mut others.motions {
-                if let Some(R_WB) = other.attitudes(&[time]).pop() {
-                    (other.R_WB, other.time) = (R_WB, time);
-                }
+                advance(other, &self.acceleration, time);
             }
         }
-        self.motion.R_WB = R_WB * exp_so3(&turn);
-        self.motion.momentum += self.acceleration * step;
-        self.motion.time = time;
     }
 
     /// The state after a change of its errors; `None` if no body has such an inertia.
@@ -432,5 +436,79 @@ impl MotionState {
             acceleration: self.acceleration + step.fixed_rows::<3>(ACCELERATION),
             ..self.clone()
         })
+    }
+}
+
+/// Moves a motion to `time` \[s\] under torques of `acceleration` (inertial axes, [`MotionState::acceleration`]). Returns
+/// the derivatives of its rotation by the states.
+fn advance(
+    motion: &mut FreeMotion,
+    acceleration: &Vector3<f64>,
+    time: f64,
+) -> SMatrix<f64, 3, STATES> {
+    let (R_WB, by_state) = MotionState::rotation_by_state(motion, time);
+    let turn = by_state.fixed_columns::<3>(ACCELERATION) * acceleration;
+    motion.R_WB = R_WB * exp_so3(&turn);
+    motion.momentum += acceleration * (time - motion.time);
+    motion.time = time;
+    by_state
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state(acceleration: Vector3<f64>) -> MotionState {
+        let shape = SVector::<f64, 5>::new(0.3, -0.2, 0.1, 0.05, -0.15);
+        let R = UnitQuaternion::from_scaled_axis(Vector3::new(0.4, -0.7, 1.1));
+        let motion = FreeMotion::new(&shape, Vector3::new(0.3, -0.5, 0.6), 3.0, R).unwrap();
+        let covariance = StateCovariance::identity() * 1e-6;
+        MotionState {
+            motion,
+            acceleration,
+            covariance,
+            acceleration_walk: 1e-3,
+            others: Some(OtherMotions {
+                motions: vec![(0.3, motion)],
+                conditional: covariance,
+            }),
+        }
+    }
+
+    // Another motion that is the same, and a covariance that is the same, stay so: without torques on the one or noise on
+    // the other they part.
+    #[test]
+    fn predictions_move_other_shapes_like_the_state() {
+        let mut state = state(Vector3::new(2e-3, -1e-3, 3e-3));
+        let disturbance = Disturbance {
+            momentum_walk: 1e-2,
+            acceleration_walk: 1e-3,
+        };
+        for k in 1..=5 {
+            state.predict(3.0 + 2.0 * f64::from(k), &disturbance);
+        }
+        let others = state.others.as_ref().unwrap();
+        assert_eq!(others.conditional, state.covariance);
+        assert_eq!(others.motions[0].1, state.motion);
+        assert!(state.covariance[(8, 8)] > 1e-4);
+    }
+
+    // A long step is many short ones, for the state and for another shape.
+    #[test]
+    fn torques_turn_other_shapes() {
+        let mut once = state(Vector3::new(2e-4, -1e-4, 3e-4));
+        let other = &mut once.others.as_mut().unwrap().motions[0].1;
+        let shape = SVector::<f64, 5>::new(0.1, 0.2, -0.1, 0.0, 0.1);
+        *other = FreeMotion::new(&shape, other.momentum, other.time, other.R_WB).unwrap();
+        let mut often = once.clone();
+        once.predict(13.0, &Disturbance::NONE);
+        for k in 1..=400 {
+            often.predict(3.0 + 0.025 * f64::from(k), &Disturbance::NONE);
+        }
+        let motion = |state: &MotionState| state.others.as_ref().unwrap().motions[0].1;
+        let (a, b) = (motion(&once), motion(&often));
+        assert!((a.momentum - b.momentum).norm() < 1e-12);
+        let apart = a.R_WB.angle_to(&b.R_WB);
+        assert!(apart < 2e-4, "{apart}");
     }
 }

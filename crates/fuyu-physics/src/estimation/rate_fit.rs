@@ -45,10 +45,9 @@ pub fn fit_rates(rates: &[Rate], widths: &Widths) -> Result<Estimated, EstimateE
             need: MIN_SAMPLES,
         });
     }
-    let fault = rates.iter().zip(&rates[1..]).position(|(a, b)| b.0 <= a.0);
-    let finite = |(t, w): &Rate| t.is_finite() && w.iter().all(|w| w.is_finite());
-    if fault.is_some() || !rates.iter().all(finite) {
-        let k = fault.map_or(0, |k| k + 1);
+    let is_finite = |(t, w): &Rate| t.is_finite() && w.iter().all(|w| w.is_finite());
+    let is_right = |k: usize| is_finite(&rates[k]) && (k == 0 || rates[k].0 > rates[k - 1].0);
+    if let Some(k) = (0..rates.len()).find(|k| !is_right(*k)) {
         let problem = format!("sample {k} is not finite, or not later than the one before");
         return Err(EstimateError::Rates(problem));
     }
@@ -438,6 +437,27 @@ mod tests {
                 let off = (numeric - all[i].1.column(k)).norm();
                 assert!(off < 1e-5 * (1.0 + numeric.norm()), "{k} {i}: {off}");
             }
+        }
+    }
+
+    // The wrong sample was named for a value, and a time that is no number passed the comparison of neighbours.
+    #[test]
+    fn the_wrong_sample_is_named() {
+        let truth = truth();
+        let times = (0..20).map(|k| 0.1 * f64::from(k));
+        let right: Vec<Rate> = times.map(|t| (t, truth.angular_velocity(t))).collect();
+        for (k, wrong) in [
+            (7, (right[7].0, Vector3::repeat(f64::NAN))),
+            (9, (f64::NAN, right[9].1)),
+            (4, (right[3].0, right[4].1)),
+        ] {
+            let mut rates = right.clone();
+            rates[k] = wrong;
+            let message = fit_rates(&rates, &Widths::default()).unwrap_err();
+            assert!(
+                message.to_string().contains(&format!("sample {k} ")),
+                "{message}"
+            );
         }
     }
 }

@@ -33,6 +33,7 @@
 mod inertia;
 mod nearest_inertia;
 mod rotation;
+mod segments;
 mod symmetric;
 mod vector;
 
@@ -41,6 +42,7 @@ pub(crate) use rotation::rotation_vector_rate;
 pub use rotation::{
     exp_so3, roll_pitch_yaw_intrinsic, rotation_from_roll_pitch_yaw_intrinsic, unwound,
 };
+pub(crate) use segments::closest_points;
 pub use symmetric::Symmetric3;
 pub use vector::{Twist, Wrench};
 

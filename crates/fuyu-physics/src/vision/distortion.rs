@@ -60,24 +60,24 @@ impl Distortion {
         if let Some(value) = d.iter().find(|d| !d.is_finite()) {
             return Err(DistortionError::Value(*value));
         }
-        // Without coefficients an equidistant lens still shows the angle, not its tangent.
-        let is_straight = d.is_empty() || model != "equidistant";
-        if is_straight && d.iter().all(|d| *d == 0.0) {
-            return Ok(None);
-        }
         let wrong = |model, need| DistortionError::Count {
             model,
             have: d.len(),
             need,
         };
         match model {
+            "plumb_bob" | "equidistant" | "" if d.is_empty() => Ok(None),
             "plumb_bob" | "" => {
                 if !(4..=5).contains(&d.len()) {
-                    return Err(wrong("plumb_bob", "5"));
+                    return Err(wrong("plumb_bob", "4 or 5"));
+                }
+                if d.iter().all(|d| *d == 0.0) {
+                    return Ok(None);
                 }
                 let k = |i: usize| d.get(i).copied().unwrap_or_default();
                 Ok(Some(Self::PlumbBob([k(0), k(1), k(2), k(3), k(4)])))
             }
+            // Without distortion of the angle it still shows the angle, not its tangent.
             "equidistant" => match d {
                 [a, b, c, e] => Ok(Some(Self::Equidistant([*a, *b, *c, *e]))),
                 _ => Err(wrong("equidistant", "4")),
@@ -199,9 +199,16 @@ mod tests {
     #[test]
     fn coefficients_are_checked() {
         assert_eq!(Distortion::new("plumb_bob", &[0.0; 5]), Ok(None));
+        for model in ["", "plumb_bob", "equidistant"] {
+            assert_eq!(Distortion::new(model, &[]), Ok(None));
+        }
         let refused = |model: &str, d: &[f64]| Distortion::new(model, d).unwrap_err().to_string();
         assert!(refused("equidistant", &[0.1; 5]).contains("must have 4"));
         assert!(refused("rational_polynomial", &[0.1; 8]).contains("plumb_bob and equidistant"));
+        // Zeros do not make a model known, or their number right.
+        assert!(refused("rational_polynomial", &[0.0; 8]).contains("rational_polynomial"));
+        assert!(refused("fov", &[]).contains("fov"));
+        assert!(refused("plumb_bob", &[0.0; 3]).contains("must have 4 or 5"));
         assert!(refused("plumb_bob", &[f64::NAN; 5]).contains("finite"));
     }
 }

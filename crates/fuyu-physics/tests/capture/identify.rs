@@ -37,6 +37,25 @@ fn truth(file: &Value) -> InertiaParameters {
     InertiaParameters::from_vector(&SVector::from_vec(numbers(&file["phi"])))
 }
 
+/// No sample at all is an error like too little motion; the decomposition of an empty matrix panics.
+#[test]
+fn nothing_is_identified_from_nothing() {
+    let model = servicer(0.0);
+    for momentum in [None, Some(Vector3::zeros())] {
+        let error = identify(&model, tool(&model), &[], momentum, 1e-4).unwrap_err();
+        assert!(matches!(
+            error,
+            IdentificationError::NotExcited { rank: 0, .. }
+        ));
+    }
+    let error = identify_from_twists(&model, tool(&model), &[]).unwrap_err();
+    assert!(matches!(
+        error,
+        IdentificationError::NotExcited { rank: 0, .. }
+    ));
+    assert!(identify_from_pushes(&[]).is_err());
+}
+
 /// All ten parameters to 1e-9 from samples without noise. A frame that is not the grasp's, a term that is left out
 /// of the regressor, or the base's velocity where it must not matter fail at the first digits.
 #[test]

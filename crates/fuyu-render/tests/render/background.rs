@@ -25,10 +25,38 @@ fn a_star_is_where_its_direction_is_and_as_bright_as_its_magnitude() {
         x += value * (i % 320) as f64;
         y += value * (i / 320) as f64;
     }
-    // A white pixel has the radiance E / pi and the solid angle 1 / f^2; a star of magnitude 1 has 10^-11.096 E.
-    let expected = 1000.0 * std::f64::consts::PI * 300.0 * 300.0 * 10_f64.powf(-0.4 * 27.74);
+    // A white pixel has the radiance E / pi and the solid angle cos^3 / f^2; a star of magnitude 1 has 10^-11.096 E.
+    let solid_angle = direction.z.powi(3) / (300.0 * 300.0);
+    let expected = 1000.0 * std::f64::consts::PI / solid_angle * 10_f64.powf(-0.4 * 27.74);
     assert!((total / expected - 1.0).abs() < 1e-3, "{total} {expected}");
     assert!((x / total - (159.5 + 36.9)).abs() < 0.02 && (y / total - (119.5 - 26.1)).abs() < 0.02);
+}
+
+// Far from the axis a pixel sees less of the sky, and a star is more of its light: 1 / cos^3 in a pinhole, 1.54 times at 30
+// degrees; r^2 sin(angle) / r = sin(angle) / angle in an equidistant lens.
+#[test]
+fn stars_have_their_brightness_all_over_the_image() {
+    for (lens, ratio) in [
+        (Distortion::None, (30.0_f64.to_radians().cos()).powi(-3)),
+        (
+            Distortion::Equidistant([0.0; 4]),
+            30.0_f64.to_radians() / 30.0_f64.to_radians().sin(),
+        ),
+    ] {
+        let camera = camera(500, 400, 300.0, lens);
+        let total = |angle: f64| {
+            let mut scene = Scene::new();
+            scene.stars = vec![Star {
+                direction: UnitVector3::new_normalize(Vector3::new(angle.sin(), 0.0, angle.cos())),
+                magnitude: 1.0,
+            }];
+            scene.star_gain = 1000.0;
+            let frame = render(&scene, &camera);
+            frame.radiance.iter().map(|r| f64::from(r[1])).sum::<f64>()
+        };
+        let found = total(30.0_f64.to_radians()) / total(0.0);
+        assert!((found / ratio - 1.0).abs() < 1e-3, "{found} {ratio}");
+    }
 }
 
 #[test]

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};
-use crate::spatial::Pose;
+use crate::spatial::{Pose, closest_points};
 
 /// Sizes of the shapes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,14 +30,14 @@ impl Default for ClearanceConfig {
     }
 }
 
-/// A link's axis, in the frame of its body.
+/// A link's axis, or the stroke of a prismatic joint.
 #[derive(Debug, Clone)]
 struct Capsule {
-    frame: Frame,
-    from: Vector3<f64>,
-    to: Vector3<f64>,
-    /// Number of joints between it and the base.
-    depth: usize,
+    /// Frame of a body and a point in it, of either end.
+    from: (Frame, Vector3<f64>),
+    to: (Frame, Vector3<f64>),
+    /// The body that it belongs to; a stroke belongs to the one that slides.
+    body: usize,
 }
 
 /// The shapes of a robot.
@@ -45,6 +45,11 @@ struct Capsule {
 pub struct Clearance {
     config: ClearanceConfig,
     capsules: Vec<Capsule>,
+    /// Capsules that are more than a joint away from the base.
+    off_base: Vec<bool>,
+    /// Capsules whose distance counts: those with more than two joints between their bodies. Neighbours touch; those next
+    /// to them would overlap where a link between is shorter than wide.
+    pairs: Vec<(usize, usize)>,
     base: Vector3<f64>,
 }
 
@@ -69,45 +74,53 @@ impl Distances {
 }
 
 impl Clearance {
-    /// Capsules from joint to joint, and from the last one to the tip.
+    /// Capsules from joint to joint, along the strokes of prismatic joints, and from the last joint to the tip.
     pub fn new(model: &Model, tip: &Frame, config: ClearanceConfig) -> Self {
+        let bodies = model.bodies();
+        let frame_of = |body: usize| {
+            let mut frames = model.frames().iter().filter(|f| f.body == body);
+            frames.find(|f| f.name == bodies[body].name)
+        };
         let mut capsules = Vec::new();
-        let bodies = model.bodies().len();
-        let mut depth = vec![0; bodies];
-        for body in 1..bodies {
-            let parent = model.tree_parent(body - 1);
-            depth[body] = depth[parent] + 1;
-            let end_of = |from: Vector3<f64>, to: Vector3<f64>, body: usize| {
-                let own = model.frames().iter();
-                let mut own = own.filter(|f| f.body == body);
-                let frame = own.find(|f| f.name == model.bodies()[body].name);
-                frame.map(|frame| (frame.clone(), from, to))
+        for body in 1..bodies.len() {
+            let Some(frame) = frame_of(body) else {
+                continue;
             };
-            let origin = Vector3::zeros();
-            let mut ends = Vec::new();
-            for child in (body + 1)..bodies {
-                if model.tree_parent(child - 1) == body {
-                    ends.push(model.tree_joint(child - 1).X_PJ.translation.vector);
-                }
+            let origin = (frame.clone(), Vector3::zeros());
+            let joint = model.tree_joint(body - 1);
+            if let Some(parent) = frame_of(model.tree_parent(body - 1))
+                && !joint.kind.is_rotational()
+            {
+                capsules.push(Capsule {
+                    from: (parent.clone(), joint.X_PJ.translation.vector),
+                    to: origin.clone(),
+                    body,
+                });
             }
-            if tip.body == body {
-                ends.push(tip.X_BF.translation.vector);
-            }
-            for end in ends.into_iter().filter(|end| end.norm() > 1e-6) {
-                if let Some((frame, from, to)) = end_of(origin, end, body) {
-                    capsules.push(Capsule {
-                        frame,
-                        from,
-                        to,
-                        depth: depth[body],
-                    });
-                }
+            let children = (body + 1..bodies.len()).filter(|c| model.tree_parent(c - 1) == body);
+            let joints = children.map(|c| model.tree_joint(c - 1).X_PJ.translation.vector);
+            let tip = (tip.body == body).then_some(tip.X_BF.translation.vector);
+            for end in joints.chain(tip).filter(|end| end.norm() > 1e-6) {
+                capsules.push(Capsule {
+                    from: origin.clone(),
+                    to: (frame.clone(), end),
+                    body,
+                });
             }
         }
+        let of = |k: usize| capsules[k].body;
+        let pairs = (0..capsules.len()).flat_map(|i| (i + 1..capsules.len()).map(move |k| (i, k)));
         Self {
             config,
+            pairs: pairs
+                .filter(|(i, k)| joints_between(model, of(*i), of(*k)) > 2)
+                .collect(),
+            off_base: capsules
+                .iter()
+                .map(|c| joints_between(model, c.body, 0) > 1)
+                .collect(),
             capsules,
-            base: model.bodies()[0].inertia.com,
+            base: bodies[0].inertia.com,
         }
     }
 
@@ -125,61 +138,49 @@ impl Clearance {
         center: Option<&Vector3<f64>>,
     ) -> Distances {
         let radius = self.config.link_radius;
-        let ends = self.capsules.iter().map(|capsule| {
-            let X_BK = workspace.X_BF(&capsule.frame);
-            let at = |p: &Vector3<f64>| (X_BK * Point3::from(*p)).coords;
-            (at(&capsule.from), at(&capsule.to), capsule.depth)
-        });
+        let at =
+            |(frame, p): &(Frame, Vector3<f64>)| (workspace.X_BF(frame) * Point3::from(*p)).coords;
+        let ends = self.capsules.iter().map(|c| [at(&c.from), at(&c.to)]);
         let ends: Vec<_> = ends.collect();
         let center = center.map(|c| X_IB.inverse_transform_point(&Point3::from(*c)).coords);
+        let apart = |first: &[Vector3<f64>; 2], second: &[Vector3<f64>; 2]| {
+            let [p, q] = closest_points(first, second);
+            (p - q).norm()
+        };
         let mut found = Distances {
             keep_out: f64::INFINITY,
             own: f64::INFINITY,
         };
-        for (i, (a, b, depth)) in ends.iter().enumerate() {
-            if let Some(center) = &center {
-                let apart = point_segment(center, a, b) - self.config.keep_out - radius;
-                found.keep_out = found.keep_out.min(apart);
+        for (axis, off_base) in ends.iter().zip(&self.off_base) {
+            if let Some(center) = center {
+                let left = apart(axis, &[center, center]) - self.config.keep_out - radius;
+                found.keep_out = found.keep_out.min(left);
             }
-            if *depth > 1 {
-                let apart = point_segment(&self.base, a, b) - self.config.base_radius - radius;
-                found.own = found.own.min(apart);
+            if *off_base {
+                let left = apart(axis, &[self.base, self.base]) - self.config.base_radius - radius;
+                found.own = found.own.min(left);
             }
-            for (c, d, other) in &ends[i + 1..] {
-                // Neighbours touch; those next to them would overlap where a link between is shorter than wide.
-                if other.abs_diff(*depth) > 2 {
-                    found.own = found.own.min(segments(a, b, c, d) - 2.0 * radius);
-                }
-            }
+        }
+        for (i, k) in &self.pairs {
+            let left = apart(&ends[*i], &ends[*k]) - 2.0 * radius;
+            found.own = found.own.min(left);
         }
         found
     }
 }
 
-/// Distance of a point from a segment.
-fn point_segment(p: &Vector3<f64>, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
-    let along = b - a;
-    let s = ((p - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
-    (p - a - along * s).norm()
-}
-
-/// Distance of two segments (C. Ericson, Real-Time Collision Detection, 2005, section 5.1.9).
-fn segments(a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>, d: &Vector3<f64>) -> f64 {
-    let (u, v, w) = (b - a, d - c, a - c);
-    let (uu, vv, uv) = (u.norm_squared(), v.norm_squared(), u.dot(&v));
-    let (uw, vw) = (u.dot(&w), v.dot(&w));
-    let determinant = uu * vv - uv * uv;
-    let s = match determinant > 1e-12 * uu * vv {
-        true => ((uv * vw - vv * uw) / determinant).clamp(0.0, 1.0),
-        false => 0.0,
-    };
-    let t = (uv * s + vw) / vv;
-    let (s, t) = match t {
-        t if t < 0.0 => ((-uw / uu).clamp(0.0, 1.0), 0.0),
-        t if t > 1.0 => (((uv - uw) / uu).clamp(0.0, 1.0), 1.0),
-        t => (s, t),
-    };
-    (w + u * s - v * t).norm()
+/// Number of joints on the way from one body to another.
+fn joints_between(model: &Model, mut a: usize, mut b: usize) -> usize {
+    let mut count = 0;
+    // Parents come before their children.
+    while a != b {
+        if a < b {
+            (a, b) = (b, a);
+        }
+        a = model.tree_parent(a - 1);
+        count += 1;
+    }
+    count
 }
 
 #[cfg(test)]
@@ -187,33 +188,6 @@ mod tests {
     use super::*;
     use crate::control::fixtures::servicer;
     use nalgebra::DVector;
-
-    // By sampling both segments finely.
-    #[test]
-    fn distances_of_segments_are_those_of_their_points() {
-        let mut x = 0.37_f64;
-        let mut next = || {
-            x = (x * 997.13).fract();
-            2.0 * x - 1.0
-        };
-        for k in 0..200 {
-            let mut point = || Vector3::new(next(), next(), next());
-            let (a, b, c) = (point(), point(), point());
-            // Every fifth pair is parallel.
-            let d = match k % 5 {
-                0 => c + (b - a) * 0.7,
-                _ => point(),
-            };
-            let sampled = (0..=200)
-                .map(|i| point_segment(&a.lerp(&b, f64::from(i) / 200.0), &c, &d))
-                .fold(f64::INFINITY, f64::min);
-            let found = segments(&a, &b, &c, &d);
-            assert!(
-                found <= sampled + 1e-12 && found > sampled - 0.02,
-                "{found} {sampled}"
-            );
-        }
-    }
 
     #[test]
     fn an_outstretched_arm_is_clear_and_a_folded_one_is_not() {
@@ -231,5 +205,75 @@ mod tests {
         // The second long link folded back along the first.
         let folded = at([0.0, 0.0, 3.1, 0.0, 0.0, 0.0], Vector3::new(9.0, 0.0, 0.0));
         assert!(folded.own < 0.0, "{folded:?}");
+    }
+
+    /// A robot with two arms of three links each, 2 m apart, and a slider of 0 to 5 m on a third arm.
+    fn branched() -> Model {
+        let mut xml = String::from("<robot name=\"two\">");
+        let link = |name: &str| {
+            format!(
+                "<link name=\"{name}\"><inertial><mass value=\"1\"/><inertia ixx=\"1\" ixy=\"0\" ixz=\"0\" iyy=\"1\" iyz=\"0\" izz=\"1\"/></inertial></link>"
+            )
+        };
+        xml += &link("base");
+        let joint = |kind: &str, parent: &str, child: &str, at: &str, axis: &str| {
+            format!(
+                "<joint name=\"j_{child}\" type=\"{kind}\"><parent link=\"{parent}\"/><child link=\"{child}\"/><origin xyz=\"{at}\"/><axis xyz=\"{axis}\"/><limit lower=\"-6\" upper=\"6\" velocity=\"1\" effort=\"1\"/></joint>"
+            )
+        };
+        for (arm, at) in [("l", "-1 2 0"), ("r", "1 2 0")] {
+            let mut parent = "base".to_owned();
+            for k in 0..3 {
+                let child = format!("{arm}{k}");
+                xml += &link(&child);
+                let at = if k == 0 { at } else { "0 2 0" };
+                xml += &joint("revolute", &parent, &child, at, "0 0 1");
+                parent = child;
+            }
+        }
+        for (parent, child, at) in [("base", "s0", "0 0 8"), ("s0", "s1", "0 0 1")] {
+            xml += &link(child);
+            xml += &joint("prismatic", parent, child, at, "0 0 1");
+        }
+        xml += "</robot>";
+        Model::from_urdf(&xml, "two").unwrap()
+    }
+
+    fn branched_at(set: &[(&str, f64)], center: &Vector3<f64>) -> Distances {
+        let model = branched();
+        let tip = model.frame("r2").unwrap().clone();
+        let clearance = Clearance::new(&model, &tip, ClearanceConfig::default());
+        let mut workspace = Workspace::new(&model);
+        let mut q = DVector::zeros(model.dof());
+        for (name, value) in set {
+            let j = model.joints().iter().position(|j| j.name == *name);
+            q[j.unwrap()] = *value;
+        }
+        workspace.set_positions(&q);
+        clearance.distances(&workspace, &Pose::identity(), Some(center))
+    }
+
+    // Links of two arms have the same depth: a difference of depths would not compare them.
+    #[test]
+    fn arms_are_kept_apart() {
+        let far = Vector3::new(50.0, 0.0, 0.0);
+        let apart = branched_at(&[], &far).own;
+        assert!((apart - (2.0 - 0.24)).abs() < 1e-9, "{apart}");
+        // The second links turned towards each other cross.
+        let crossed = branched_at(&[("j_l1", -1.2), ("j_r1", 1.2)], &far).own;
+        assert!((crossed + 0.24).abs() < 1e-9, "{crossed}");
+    }
+
+    // The slider's own link has no length: without its stroke nothing would be near the target.
+    #[test]
+    fn the_stroke_of_a_slider_is_covered() {
+        let beside = Vector3::new(3.0, 0.0, 11.0);
+        let left = branched_at(&[("j_s1", 5.0)], &beside).keep_out;
+        assert!((left - (3.0 - 0.9 - 0.12)).abs() < 1e-9, "{left}");
+        let left = branched_at(&[("j_s1", 0.0)], &beside).keep_out;
+        assert!(
+            (left - (13.0_f64.sqrt() - 0.9 - 0.12)).abs() < 1e-9,
+            "{left}"
+        );
     }
 }

@@ -171,7 +171,8 @@ impl Plan {
         }
     }
 
-    /// Position, rate and acceleration of joint `j` at `time` \[s\]. Afterwards it goes on as at the arrival.
+    /// Position, rate and acceleration of joint `j` at `time` \[s\]. Before the start they are those at the start, and
+    /// after the arrival those at the arrival: there the position stays, although the rate may not be zero.
     pub fn at(&self, j: usize, time: f64) -> JointPoint {
         point(
             &self.polynomials[j],

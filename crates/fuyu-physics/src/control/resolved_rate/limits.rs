@@ -13,7 +13,9 @@ pub fn limit_twist(V: &Twist, linear: f64, angular: f64) -> (Twist, bool) {
     (shorter, factor < 1.0)
 }
 
-/// Limits of the joints' motion. Each scales the whole vector of rates, so that the tip slows down but keeps its direction.
+/// Limits of the joints' motion. Those of rate and position scale the whole vector of rates, so that the tip slows down but
+/// keeps its direction. That of the acceleration moves from the last rates towards the new ones; close to a position limit
+/// it may be exceeded.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RateLimits {
     /// Largest rate of each joint \[rad/s or m/s\].
@@ -131,6 +133,24 @@ mod tests {
         let mut rates = DVector::from_row_slice(&[-0.9, 0.1]);
         limits.apply(&model, &DVector::zeros(2), &before, 0.1, &mut rates);
         assert!((rates - DVector::from_row_slice(&[-0.1, -0.06])).norm() < 1e-15);
+    }
+
+    // The position limit comes last: it would be broken if the acceleration limit had the last word.
+    #[test]
+    fn position_limits_come_before_the_acceleration() {
+        let model = model(LIMIT);
+        let limits = RateLimits::new(&model, 1.0, 0.5);
+        let before = DVector::from_row_slice(&[0.2, 0.4]);
+        let mut rates = DVector::from_row_slice(&[0.2, 0.4]);
+        let q = DVector::from_row_slice(&[0.0, 0.95]);
+        let limited = limits.apply(&model, &q, &before, 0.1, &mut rates);
+        assert_eq!(limited.position, Some(1));
+        assert!((rates - DVector::from_row_slice(&[0.05, 0.1])).norm() < 1e-12);
+        // Away from it, only the acceleration limit acts.
+        let mut rates = DVector::from_row_slice(&[0.0, -0.4]);
+        let limited = limits.apply(&model, &q, &DVector::zeros(2), 0.1, &mut rates);
+        assert_eq!(limited.position, None);
+        assert!((rates - DVector::from_row_slice(&[0.0, -0.05])).norm() < 1e-12);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::polyhedron::{Face, Polyhedron};
 use super::shape::Shape;
-use crate::spatial::Pose;
+use crate::spatial::{Pose, closest_points};
 
 /// A point that touches or may touch: a sphere (of radius zero for a vertex) fixed to one shape over the surface of
 /// the other.
@@ -273,35 +273,6 @@ fn capsule_on_polyhedron(
             );
         }
     }
-}
-
-/// The closest points of two segments (C. Ericson, Real-Time Collision Detection, 2005, section 5.1.9).
-fn closest_points(first: &[Vector3<f64>; 2], second: &[Vector3<f64>; 2]) -> [Vector3<f64>; 2] {
-    let (d1, d2, r) = (
-        first[1] - first[0],
-        second[1] - second[0],
-        first[0] - second[0],
-    );
-    let (a, e, f) = (d1.norm_squared(), d2.norm_squared(), d2.dot(&r));
-    let (b, c) = (d1.dot(&d2), d1.dot(&r));
-    let denominator = a * e - b * b;
-    // Of parallel segments, the middle of where they are next to each other.
-    let mut s = if denominator > 1e-12 * a * e {
-        ((b * f - c * e) / denominator).clamp(0.0, 1.0)
-    } else {
-        let ends = [-c / a, (b - c) / a];
-        let (low, high) = (
-            ends[0].min(ends[1]).clamp(0.0, 1.0),
-            ends[0].max(ends[1]).clamp(0.0, 1.0),
-        );
-        0.5 * (low + high)
-    };
-    let t = (b * s + f) / e;
-    let clamped = t.clamp(0.0, 1.0);
-    if t != clamped {
-        s = ((b * clamped - c) / a).clamp(0.0, 1.0);
-    }
-    [first[0] + d1 * s, second[0] + d2 * clamped]
 }
 
 #[cfg(test)]

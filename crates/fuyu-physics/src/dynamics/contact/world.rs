@@ -128,8 +128,12 @@ impl ContactWorld {
 
     /// The same world, whose systems are stepped by their own integrators, in steps of at most `dt` \[s\], while
     /// nothing can touch: then with friction, stops and speed limits of joints, and exactly as without contact.
+    ///
+    /// # Panics
+    /// If `dt` is not positive.
     #[must_use]
     pub fn with_free_steps(mut self, dt: f64) -> Self {
+        assert!(dt > 0.0, "free steps of {dt} s never end");
         self.free_step = Some(dt);
         self
     }

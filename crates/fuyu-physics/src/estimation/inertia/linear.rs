@@ -68,9 +68,11 @@ pub(super) struct Scaled {
 }
 
 impl Scaled {
-    /// Columns without any entry count as not determined.
-    pub fn new(mut matrix: DMatrix<f64>) -> Self {
+    /// Columns without any entry count as not determined; without equations, all of them.
+    pub fn new(matrix: DMatrix<f64>) -> Self {
         let unknowns = matrix.ncols();
+        let rows = matrix.nrows().max(1);
+        let mut matrix = matrix.resize_vertically(rows, 0.0);
         let mut lengths = DVector::zeros(unknowns);
         for (j, mut column) in matrix.column_iter_mut().enumerate() {
             let length = column.norm();

@@ -57,11 +57,10 @@ impl InertiaParameters {
 
 impl From<&RigidInertia> for InertiaParameters {
     fn from(body: &RigidInertia) -> Self {
-        let first_moment = body.com * body.mass;
         Self {
             mass: body.mass,
-            first_moment,
-            about_origin: body.about_com + point_inertia(&first_moment) / body.mass,
+            first_moment: body.com * body.mass,
+            about_origin: body.about_com + point_inertia(&body.com) * body.mass,
         }
     }
 }
@@ -139,4 +138,26 @@ pub(super) fn jacobian(
         jacobian.set_column(j, &((of(&after) - of(&before)) / (after[j] - before[j])));
     }
     jacobian
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Divided by the mass, nothing would have been 0 / 0.
+    #[test]
+    fn a_body_without_mass_has_parameters() {
+        let mut body = RigidInertia {
+            mass: 0.0,
+            com: Vector3::new(1.0, 2.0, 3.0),
+            about_com: Matrix3::from_diagonal(&Vector3::new(4.0, 5.0, 6.0)),
+        };
+        let none = InertiaParameters::from(&body);
+        assert_eq!(none.first_moment, Vector3::zeros());
+        assert_eq!(none.about_origin, body.about_com);
+        body.mass = 2.0;
+        let some = InertiaParameters::from(&body).about_origin;
+        assert_eq!(some[(0, 0)], 4.0 + 2.0 * 13.0);
+        assert_eq!(some[(0, 1)], -2.0 * 2.0);
+    }
 }

@@ -22,9 +22,10 @@ pub(in crate::control::capture) struct Closing {
     from: f64,
     to: f64,
     duration: f64,
-    /// How much of the duration has passed, and how fast it passes.
+    /// How much of the duration has passed, how fast it passes, and how fast that changes \[1/s\].
     clock: f64,
     speed: f64,
+    speed_rate: f64,
     last: f64,
     /// Since when it is where it should end \[s\].
     arrived: Option<f64>,
@@ -40,6 +41,7 @@ impl Closing {
             duration: config.final_time,
             clock: 0.0,
             speed: 1.0,
+            speed_rate: 0.0,
             last: time,
             arrived: None,
             retreat: None,
@@ -55,6 +57,7 @@ impl Closing {
             duration: 0.5 * config.final_time,
             clock: 0.0,
             speed: 1.0,
+            speed_rate: 0.0,
             arrived: None,
             retreat: Some(reason),
             ..self
@@ -76,7 +79,7 @@ impl Closing {
         (
             self.from + way * value,
             way * slope * rate,
-            way * bend * rate * rate,
+            way * (bend * rate * rate + slope * self.speed_rate / self.duration),
         )
     }
 
@@ -84,6 +87,7 @@ impl Closing {
         let dt = (time - self.last).clamp(0.0, 0.5);
         let wanted = if is_paused { 0.0 } else { 1.0 };
         self.speed += (wanted - self.speed) * (dt / PAUSE).min(1.0);
+        self.speed_rate = (wanted - self.speed) / PAUSE;
         self.clock += self.speed * dt;
         self.last = time;
     }
@@ -103,12 +107,17 @@ impl Pull {
         ((time - self.begin) / PULL[2]).clamp(0.0, 1.0)
     }
 
-    pub fn retreat(self, config: &CaptureConfig, reason: Option<String>) -> Closing {
-        Closing::begin(config, self.begin, 0.0).retreat(config, reason)
+    /// Back to the distance of the approach, from where the tip is at `time` \[s\].
+    pub fn retreat(self, config: &CaptureConfig, time: f64, reason: Option<String>) -> Closing {
+        Closing::begin(config, time, self.at(config, time).0).retreat(config, reason)
     }
 
-    /// How far it pulls at `time` \[m\].
-    fn at(&self, time: f64) -> (f64, f64, f64) {
+    /// How far it pulls at `time` \[m\], with its first two derivatives; not at all if the gripper reports whether it
+    /// holds.
+    fn at(&self, config: &CaptureConfig, time: f64) -> (f64, f64, f64) {
+        if config.reports_grip {
+            return (0.0, 0.0, 0.0);
+        }
         let T = PULL[1] - PULL[0];
         let u = ((time - self.begin - PULL[0]) / T).clamp(0.0, 1.0);
         (
@@ -203,15 +212,12 @@ impl CaptureMission {
     }
 
     pub(super) fn pull(&mut self, time: f64, pull: Pull) -> Stage {
-        let way = match self.config.reports_grip {
-            true => (0.0, 0.0, 0.0),
-            false => pull.at(time),
-        };
+        let way = pull.at(&self.config, time);
         if self.drive_tip(time, way).is_none() {
             self.track_reference();
         }
         let since = time - pull.begin;
-        let closing = Closing::begin(&self.config, time, pull.way);
+        let closing = Closing::begin(&self.config, time, way.0);
         match self.grip {
             Some(true) => {
                 let X_EG = self.mean_relative(time - 1.0, time).map(pose_of);
@@ -296,5 +302,85 @@ impl CaptureMission {
         let (distance, angle) = self.config.slip;
         (moved > distance || turned > angle)
             .then(|| format!("the target has slipped by {moved:.3} m and {turned:.3} rad"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Cycle \[s\].
+    const DT: f64 = 0.01;
+
+    fn config(reports_grip: bool) -> CaptureConfig {
+        CaptureConfig {
+            reports_grip,
+            ..CaptureConfig::default()
+        }
+    }
+
+    // A retreat that begins at the end of a pull that did not take place, or at time and place of its begin, jumps by
+    // centimetres.
+    #[test]
+    fn the_tip_does_not_jump_when_a_pull_ends_in_a_retreat() {
+        for reports_grip in [true, false] {
+            let config = config(reports_grip);
+            for end in [0.5, 1.7, 2.0, 4.0] {
+                let pull = Pull {
+                    begin: 100.0,
+                    closed_at: (0.0, 0.0),
+                    way: 0.03,
+                };
+                let (mut time, mut before, mut largest) = (100.0, 0.0, 0.0_f64);
+                while time < 100.0 + end {
+                    let now = pull.at(&config, time).0;
+                    largest = largest.max((now - before).abs());
+                    (time, before) = (time + DT, now);
+                }
+                let mut closing = pull.retreat(&config, time, None);
+                while closing.progress() < 1.0 {
+                    closing.advance(time, false);
+                    let now = closing.at().0;
+                    largest = largest.max((now - before).abs());
+                    (time, before) = (time + DT, now);
+                }
+                assert!((before - config.standoff).abs() < 1e-9);
+                // The quintic's fastest is 15/8 of the mean.
+                let pulled = 0.03 / (PULL[1] - PULL[0]);
+                let retreated = config.standoff / (0.5 * config.final_time);
+                let fastest = 15.0 / 8.0 * pulled.max(retreated) * DT;
+                assert!(
+                    largest <= 1.01 * fastest,
+                    "{reports_grip} {end}: {largest} {fastest}"
+                );
+            }
+        }
+    }
+
+    // The acceleration is that of the rate while a pause slows the approach down; the part due to the pause is missing
+    // without the change of speed.
+    #[test]
+    fn derivatives_hold_while_pausing() {
+        let config = config(false);
+        let dt = 1e-4;
+        let mut closing = Closing::begin(&config, 0.0, config.standoff);
+        let mut before = closing.at();
+        let mut largest = 0.0_f64;
+        for k in 1..100_000 {
+            let time = f64::from(k) * dt;
+            let is_paused = time > 0.4 * config.final_time && time < 0.5 * config.final_time;
+            let was = closing.speed_rate;
+            closing.advance(time, is_paused);
+            let now = closing.at();
+            assert!(((now.0 - before.0) / dt - now.1).abs() < 1e-4);
+            // Not where the pause begins or ends.
+            if (closing.speed_rate - was).abs() < 0.1 {
+                let slope = (now.1 - before.1) / dt;
+                largest = largest.max(now.2.abs());
+                assert!((slope - now.2).abs() < 1e-3 * config.standoff, "{time}");
+            }
+            before = now;
+        }
+        assert!(largest > 0.01 * config.standoff);
     }
 }

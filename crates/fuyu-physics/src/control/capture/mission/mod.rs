@@ -361,7 +361,10 @@ impl CaptureMission {
         let reason = reason.to_owned();
         self.stage = match std::mem::replace(&mut self.stage, Stage::Rest) {
             Stage::Close(closing) => Stage::Close(closing.retreat(&self.config, Some(reason))),
-            Stage::Pull(pull) => Stage::Close(pull.retreat(&self.config, Some(reason))),
+            Stage::Pull(pull) => {
+                let time = self.last.unwrap_or_default();
+                Stage::Close(pull.retreat(&self.config, time, Some(reason)))
+            }
             _ => self.stop(AfterStop::Abort(reason)),
         };
         Ok(())
