@@ -157,3 +157,24 @@ impl ShapedRegulator {
         )
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // The extended system has no place for D: a plant with one would be designed for as if it were zero.
+    #[test]
+    fn a_plant_that_is_not_strictly_proper_is_refused() {
+        let one = |x: f64| Matrix::from_element(1, 1, x);
+        let weights = ShapedWeights {
+            controlled: one(1.0),
+            output_weight: None,
+            inverse_input_weight: None,
+            rho: 1.0,
+        };
+        let plant = |d: f64| StateSpace::new(one(-1.0), one(1.0), one(1.0), one(d)).unwrap();
+        assert!(shaped_lqr(&plant(0.0), &weights).is_ok());
+        let error = shaped_lqr(&plant(0.5), &weights).unwrap_err();
+        assert!(error.to_string().contains("D of the plant is"), "{error}");
+    }
+}
