@@ -52,13 +52,19 @@ const TOLERANCE: f64 = 1e-9;
 const STEPS: usize = 30;
 
 impl Distortion {
-    /// The distortion of a `CameraInfo` with `distortion_model` and coefficients `d`; `None` if there is none.
+    /// The distortion of a `CameraInfo` with `distortion_model` and coefficients `d`; `None` if there is none: no
+    /// coefficients, or only zeros of a polynomial model, which may be one that is not known here. An equidistant lens shows the angle, not its
+    /// tangent, also with zeros.
     ///
     /// # Errors
-    /// [`DistortionError`] if the model is not known or the coefficients do not fit it.
+    /// [`DistortionError`] if there are coefficients, and the model is not known or has another number of them.
     pub fn new(model: &str, d: &[f64]) -> Result<Option<Self>, DistortionError> {
         if let Some(value) = d.iter().find(|d| !d.is_finite()) {
             return Err(DistortionError::Value(*value));
+        }
+        let is_straight = d.is_empty() || model != "equidistant";
+        if is_straight && d.iter().all(|d| *d == 0.0) {
+            return Ok(None);
         }
         let wrong = |model, need| DistortionError::Count {
             model,
@@ -66,18 +72,13 @@ impl Distortion {
             need,
         };
         match model {
-            "plumb_bob" | "equidistant" | "" if d.is_empty() => Ok(None),
             "plumb_bob" | "" => {
                 if !(4..=5).contains(&d.len()) {
                     return Err(wrong("plumb_bob", "4 or 5"));
                 }
-                if d.iter().all(|d| *d == 0.0) {
-                    return Ok(None);
-                }
                 let k = |i: usize| d.get(i).copied().unwrap_or_default();
                 Ok(Some(Self::PlumbBob([k(0), k(1), k(2), k(3), k(4)])))
             }
-            // Without distortion of the angle it still shows the angle, not its tangent.
             "equidistant" => match d {
                 [a, b, c, e] => Ok(Some(Self::Equidistant([*a, *b, *c, *e]))),
                 _ => Err(wrong("equidistant", "4")),
@@ -198,17 +199,17 @@ mod tests {
 
     #[test]
     fn coefficients_are_checked() {
+        // Drivers of ideal cameras write zeros for any model.
         assert_eq!(Distortion::new("plumb_bob", &[0.0; 5]), Ok(None));
+        assert_eq!(Distortion::new("rational_polynomial", &[0.0; 8]), Ok(None));
+        assert!(Distortion::new("equidistant", &[0.0; 4]).unwrap().is_some());
         for model in ["", "plumb_bob", "equidistant"] {
             assert_eq!(Distortion::new(model, &[]), Ok(None));
         }
         let refused = |model: &str, d: &[f64]| Distortion::new(model, d).unwrap_err().to_string();
         assert!(refused("equidistant", &[0.1; 5]).contains("must have 4"));
         assert!(refused("rational_polynomial", &[0.1; 8]).contains("plumb_bob and equidistant"));
-        // Zeros do not make a model known, or their number right.
-        assert!(refused("rational_polynomial", &[0.0; 8]).contains("rational_polynomial"));
-        assert!(refused("fov", &[]).contains("fov"));
-        assert!(refused("plumb_bob", &[0.0; 3]).contains("must have 4 or 5"));
+        assert!(refused("plumb_bob", &[0.1; 3]).contains("must have 4 or 5"));
         assert!(refused("plumb_bob", &[f64::NAN; 5]).contains("finite"));
     }
 }
