@@ -9,6 +9,7 @@ use std::{
 
 use serde_json::Value;
 
+use crate::child_guard::ChildGuard;
 use crate::lateness::repeat_if_late;
 use crate::peer::DomainClaim;
 use crate::python;
@@ -28,7 +29,7 @@ fn two_operators_and_watchers() {
     let page = dir.path().join("share/fuyu/cockpit/dist");
     std::fs::create_dir_all(&page).unwrap();
     std::fs::write(page.join("index.html"), "<title>a page</title>").unwrap();
-    let mut launch = Command::new(env!("CARGO_BIN_EXE_fuyu"))
+    let launch = Command::new(env!("CARGO_BIN_EXE_fuyu"))
         .args(["launch", "config/teleoperation.yaml", "--cockpit"])
         .args(["--foxglove=127.0.0.1:0", "--bag"])
         .arg(dir.path().join("bag"))
@@ -41,6 +42,7 @@ fn two_operators_and_watchers() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
+    let mut launch = ChildGuard(launch);
     let log = BufReader::new(launch.stderr.take().unwrap()).lines();
     // The process must not block on a full pipe.
     let log = std::thread::spawn(move || log.map_while(Result::ok).collect::<Vec<_>>());

@@ -5,6 +5,7 @@ use std::process::{Command, Stdio};
 
 use serde_json::Value;
 
+use crate::child_guard::ChildGuard;
 use crate::peer::DomainClaim;
 use crate::python;
 use crate::waiting::{PATIENCE, eventually};
@@ -15,7 +16,7 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
     let _claim = DomainClaim::new(domain);
     let dir = tempfile::tempdir().unwrap();
     let root = env!("CARGO_MANIFEST_DIR");
-    let mut launch = Command::new(env!("CARGO_BIN_EXE_fuyu"))
+    let launch = Command::new(env!("CARGO_BIN_EXE_fuyu"))
         .args(["launch", "config/servicing.yaml", "--duration", "600"])
         // Any port that is free; the log says which.
         .args(["--foxglove=127.0.0.1:0", "--bag"])
@@ -28,6 +29,7 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
+    let mut launch = ChildGuard(launch);
     let mut lines = BufReader::new(launch.stderr.take().unwrap()).lines();
     let line = lines
         .by_ref()
@@ -56,14 +58,17 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
         ])
         .output()
         .unwrap();
-    let report: Value = serde_json::from_slice(&client.stdout)
-        .unwrap_or_else(|e| panic!("{e}: {}", String::from_utf8_lossy(&client.stderr)));
     let sent = Command::new("kill")
         .args(["-INT", &launch.id().to_string()])
         .status();
     assert!(sent.unwrap().success());
     let status = eventually("the launch ends", PATIENCE, || launch.try_wait().unwrap());
-    assert!(status.success(), "{:?}", rest.join().unwrap());
+    let log = rest.join().unwrap();
+    assert!(status.success(), "{log:#?}");
+    let report: Value = serde_json::from_slice(&client.stdout).unwrap_or_else(|e| {
+        let said = String::from_utf8_lossy(&client.stderr);
+        panic!("{e}: {said}\nthe launch: {log:#?}")
+    });
 
     assert_eq!(report["subprotocol"], "foxglove.sdk.v1");
     assert_eq!(report["refused"], 400, "a client of another protocol");

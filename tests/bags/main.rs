@@ -1,5 +1,7 @@
 //! Bags: writing, reading by fuyu and by others, damage and recovery.
 
+#[path = "../support/child_guard.rs"]
+mod child_guard;
 #[path = "../support/lateness.rs"]
 mod lateness;
 #[path = "../support/measuring.rs"]

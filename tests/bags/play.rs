@@ -14,12 +14,13 @@ use serde_json::json;
 
 use crate::peer::{DomainClaim, Peer};
 use crate::{
+    child_guard::ChildGuard,
     lateness::repeat_if_late,
     waiting::{PATIENCE, eventually},
 };
 
-fn player(domain: u16, bag: &Path, args: &[&str]) -> Child {
-    Command::new(env!("CARGO_BIN_EXE_fuyu"))
+fn player(domain: u16, bag: &Path, args: &[&str]) -> ChildGuard {
+    let player = Command::new(env!("CARGO_BIN_EXE_fuyu"))
         .args(["bag", "play"])
         .arg(bag)
         .args(args)
@@ -28,7 +29,8 @@ fn player(domain: u16, bag: &Path, args: &[&str]) -> Child {
         .env_remove("ROS_LOCALHOST_ONLY")
         .stdout(Stdio::piped())
         .spawn()
-        .unwrap()
+        .unwrap();
+    ChildGuard(player)
 }
 
 /// 200 texts in 2 s, one latched before them, and an unknown type.
@@ -133,7 +135,7 @@ fn a_message_far_in_the_future_is_waited_for_with_a_reason() {
         handle.write(&words, time, time, cdr::encode(&text));
     }
     recorder.finish().unwrap();
-    let mut player = Command::new(env!("CARGO_BIN_EXE_fuyu"))
+    let player = Command::new(env!("CARGO_BIN_EXE_fuyu"))
         .args(["bag", "play"])
         .arg(&bag)
         .args(["--delay", "0"])
@@ -142,6 +144,7 @@ fn a_message_far_in_the_future_is_waited_for_with_a_reason() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
+    let mut player = ChildGuard(player);
     let lines = BufReader::new(player.stderr.take().unwrap()).lines();
     let mut lines = lines.map_while(Result::ok);
     let said = lines.find(|line| line.contains("is 3999999999 s later"));
@@ -166,12 +169,13 @@ fn a_played_bag_has_its_topics_types_and_times() {
 fn played_and_recorded(domain: u16, bag: &Path, again: &Path) {
     let words = Listener::<Text>::start(domain, "/said", Qos::RELIABLE.depth(500));
     let clock = Listener::<Clock>::start(domain, "/clock", Qos::CLOCK.depth(500));
-    let mut recorder = Command::new(env!("CARGO_BIN_EXE_recorder"))
+    let recorder = Command::new(env!("CARGO_BIN_EXE_recorder"))
         .env("ROS_DOMAIN_ID", domain.to_string())
         .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         .args(["--ros-args", "-p", &format!("bag:={}", again.display())])
         .spawn()
         .unwrap();
+    let mut recorder = ChildGuard(recorder);
     eventually("the recorder", PATIENCE, || again.exists().then_some(()));
     let remap = "/words:=/said";
     // A subscriber that has not found a topic by then misses its first messages. A participant that was not heard when

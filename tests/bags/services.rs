@@ -1,7 +1,7 @@
 //! The services of the recorder node, called with ros2-client.
 
 use std::path::Path;
-use std::process::{Child, Command};
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use fuyu::bag::Bag;
@@ -11,10 +11,11 @@ use fuyu::ros::{DiscoveryRange, Domain, Process, Qos, RosArgs};
 use ros2_client::dds::Client;
 use ros2_client::{Context, Message, Name, NodeName, NodeOptions, ServiceMapping, ServiceTypeName};
 
+use crate::child_guard::ChildGuard;
 use crate::peer::DomainClaim;
 use crate::waiting::{PATIENCE, eventually};
 
-pub struct Recorder(Child);
+pub struct Recorder(ChildGuard);
 
 impl Recorder {
     pub fn start(domain: u16, bag: &Path, parameters: &[&str]) -> Self {
@@ -27,7 +28,7 @@ impl Recorder {
         for parameter in parameters {
             command.args(["-p", parameter]);
         }
-        Self(command.spawn().unwrap())
+        Self(ChildGuard(command.spawn().unwrap()))
     }
 
     fn signal(&self, name: &str) {
@@ -35,13 +36,6 @@ impl Recorder {
             .args([format!("-{name}"), self.0.id().to_string()])
             .status();
         assert!(sent.unwrap().success());
-    }
-}
-
-impl Drop for Recorder {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
     }
 }
 
