@@ -4,6 +4,8 @@
 //! the one whose clients may operate, all others to the one whose clients only watch. Requests that do not ask for a
 //! WebSocket get a file of the cockpit's page.
 //!
+//! What clients send waits while a topic is being advertised (`advertisements.rs`).
+//!
 //! The SDK (0.30) has no hook for any of this. Its servers listen on random addresses of the loopback network and random
 //! ports, 2^40 possibilities that a web page cannot search, so that the gate cannot be bypassed.
 
@@ -13,11 +15,12 @@ use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use tokio::io::{AsyncReadExt, AsyncWriteExt, copy_bidirectional};
+use tokio::io::{AsyncReadExt, AsyncWriteExt, copy};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 use tokio::time::timeout;
 
+use super::advertisements::Advertisements;
 use super::page::Page;
 
 /// Time that a client may take for its request.
@@ -81,6 +84,8 @@ pub struct Routes {
     pub operators: Option<Entry>,
     /// Web pages that may connect.
     pub origins: Origins,
+    /// What is being advertised to clients of both servers.
+    pub advertisements: Advertisements,
 }
 
 /// The server for operators.
@@ -177,7 +182,29 @@ impl Gate {
         client.set_nodelay(true)?;
         server.set_nodelay(true)?;
         server.write_all(&request.bytes).await?;
-        copy_bidirectional(&mut client, &mut server).await?;
+        self.copy(&mut client, &mut server).await
+    }
+
+    /// Passes bytes in both directions until both ends have closed theirs, or one fails.
+    async fn copy(&self, client: &mut TcpStream, server: &mut TcpStream) -> io::Result<()> {
+        let (mut from_client, mut to_client) = client.split();
+        let (mut from_server, mut to_server) = server.split();
+        let requests = async {
+            let mut bytes = vec![0; 8 << 10];
+            loop {
+                let n = from_client.read(&mut bytes).await?;
+                if n == 0 {
+                    return to_server.shutdown().await;
+                }
+                self.routes.advertisements.complete().await;
+                to_server.write_all(&bytes[..n]).await?;
+            }
+        };
+        let answers = async {
+            copy(&mut from_server, &mut to_client).await?;
+            to_client.shutdown().await
+        };
+        tokio::try_join!(requests, answers)?;
         Ok(())
     }
 
@@ -325,7 +352,14 @@ mod tests {
             watchers: echo(runtime, ""),
             operators,
             origins: Origins::new(&[]),
+            advertisements: Advertisements::new(),
         };
+        start(runtime, routes)
+    }
+
+    /// Starts a gate; its address.
+    fn start(runtime: &tokio::runtime::Runtime, routes: Routes) -> SocketAddr {
+        let _entered = runtime.enter();
         let listener = listen(SocketAddr::from(([127, 0, 0, 1], 0))).unwrap();
         let public = listener.local_addr().unwrap();
         let gate = Gate::new(routes, Duration::from_millis(500));
@@ -410,5 +444,39 @@ mod tests {
         assert!(ask("/?token=secret", &foreign).starts_with("HTTP/1.1 403"));
         assert!(ask("/", "").ends_with("\r\n\r\n<p>"));
         assert!(ask("/Cargo.toml", "").starts_with("HTTP/1.1 404"));
+    }
+
+    // Fails if a subscription reaches the server before the server knows that it has advertised the topic.
+    #[test]
+    fn what_a_client_sends_waits_while_a_topic_is_advertised() {
+        let runtime = tokio::runtime::Runtime::new().unwrap();
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let advertisements = Advertisements::new();
+        let routes = Routes {
+            watchers: listener.local_addr().unwrap(),
+            operators: None,
+            origins: Origins::new(&[]),
+            advertisements: advertisements.clone(),
+        };
+        let mut client = Client::connect(start(&runtime, routes)).unwrap();
+        let request = b"GET / HTTP/1.1\r\nUpgrade: websocket\r\n\r\n";
+        client.write_all(request).unwrap();
+        let (mut server, _) = listener.accept().unwrap();
+        let mut bytes = [0; 100];
+        server.read_exact(&mut bytes[..request.len()]).unwrap();
+        let short = Some(Duration::from_millis(200));
+        server.set_read_timeout(short).unwrap();
+        advertisements.during(|| {
+            server.write_all(b"advertised").unwrap();
+            client.read_exact(&mut bytes[..10]).unwrap();
+            client.write_all(b"subscribe").unwrap();
+            assert!(server.read(&mut bytes).is_err(), "it came too early");
+        });
+        server.set_read_timeout(None).unwrap();
+        server.read_exact(&mut bytes[..9]).unwrap();
+        assert_eq!(&bytes[..9], b"subscribe");
+        // The end of the one is the end of the other.
+        drop(client);
+        assert_eq!(server.read(&mut bytes).unwrap(), 0);
     }
 }

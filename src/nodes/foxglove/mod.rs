@@ -2,6 +2,7 @@
 //! annotations of the camera's image. With a [`Cockpit`], clients that know its access token also publish commands, set
 //! parameters and call services; one client at a time has control, all others watch.
 
+mod advertisements;
 mod annotations;
 mod assets;
 mod client_topics;

@@ -21,6 +21,7 @@ use foxglove::{
 };
 use tokio::runtime::Runtime;
 
+use super::advertisements::Advertisements;
 use super::assets::Assets;
 use super::client_topics::ClientTopics;
 use super::gate::{self, Entry, Origins, Routes};
@@ -30,6 +31,7 @@ use super::page::Page;
 pub struct Server {
     address: SocketAddr,
     context: Arc<Context>,
+    advertisements: Advertisements,
     latched: Arc<Latched>,
     /// Meshes that clients may fetch.
     pub assets: Arc<Assets>,
@@ -73,6 +75,7 @@ impl Server {
             .build()
             .map_err(FoxgloveError::Bind)?;
         let context = Context::new();
+        let advertisements = Advertisements::new();
         let latched = Arc::new(Latched::default());
         let assets = Arc::new(Assets::default());
         let builder = |hidden: SocketAddr| {
@@ -120,11 +123,13 @@ impl Server {
             watchers,
             operators,
             origins,
+            advertisements: advertisements.clone(),
         };
         runtime.spawn(gate::pass(listener, routes));
         Ok(Self {
             address,
             context,
+            advertisements,
             latched,
             assets,
             handles,
@@ -170,16 +175,17 @@ impl Server {
         type_name: &str,
         definition: String,
     ) -> Result<Arc<RawChannel>, FoxgloveError> {
-        ChannelBuilder::new(topic)
+        let channel = ChannelBuilder::new(topic)
             .context(&self.context)
             .message_encoding("cdr")
-            .schema(Schema::new(type_name, "ros2msg", definition.into_bytes()))
-            .build_raw()
+            .schema(Schema::new(type_name, "ros2msg", definition.into_bytes()));
+        self.advertisements.during(|| channel.build_raw())
     }
 
     /// Advertises a topic of one of Foxglove's types.
     pub fn advertise_own<T: Encode>(&self, topic: &str) -> Channel<T> {
-        ChannelBuilder::new(topic).context(&self.context).build()
+        let channel = ChannelBuilder::new(topic).context(&self.context);
+        self.advertisements.during(|| channel.build())
     }
 
     /// Keeps a message with its `time` \[ns\] for later subscribers.
@@ -273,8 +279,11 @@ impl ServerListener for OperatorListener {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::json;
     use std::io::{Read, Write};
     use std::net::TcpStream;
+    use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+    use tungstenite::client::IntoClientRequest;
 
     #[test]
     fn a_handshake_succeeds_from_programs_and_allowed_pages_only() {
@@ -296,5 +305,45 @@ mod tests {
         assert_eq!(status("Origin: http://localhost:8080\r\n"), "101");
         assert_eq!(status("Origin: https://app.foxglove.dev\r\n"), "101");
         assert_eq!(status("Origin: https://evil.example\r\n"), "403");
+    }
+
+    // Fails, in one of a dozen runs on a busy computer, if subscriptions do not wait for the end of an advertisement.
+    #[test]
+    fn a_client_that_subscribes_at_once_is_subscribed() {
+        const TOPICS: usize = 3000;
+        let local = SocketAddr::from(([127, 0, 0, 1], 0));
+        let server = Server::start(local, Origins::new(&[]), None).unwrap();
+        let url = format!("ws://{}", server.address());
+        let mut request = url.into_client_request().unwrap();
+        let protocol = "foxglove.sdk.v1".parse().unwrap();
+        (request.headers_mut()).insert("Sec-WebSocket-Protocol", protocol);
+        let (mut client, _) = tungstenite::connect(request).unwrap();
+        let seen = AtomicUsize::new(0);
+        std::thread::scope(|scope| {
+            let subscriber = scope.spawn(|| {
+                while seen.load(Relaxed) < TOPICS {
+                    let message = client.read().unwrap().into_text().unwrap();
+                    let message: serde_json::Value = serde_json::from_str(&message).unwrap();
+                    assert_ne!(message["op"], "status", "after {seen:?} topics: {message}");
+                    for channel in message["channels"].as_array().into_iter().flatten() {
+                        let id = seen.fetch_add(1, Relaxed);
+                        let wish = json!({"id": id, "channelId": channel["id"]});
+                        let wish = json!({"op": "subscribe", "subscriptions": [wish]});
+                        client.send(wish.to_string().into()).unwrap();
+                    }
+                }
+                // Refused as an unknown operation, after the answers to all that came before.
+                client.send(r#"{"op": "none"}"#.into()).unwrap();
+                let last = client.read().unwrap().into_text().unwrap();
+                assert!(!last.contains("Unknown channel"), "{last}");
+            });
+            for k in 0..TOPICS {
+                // The server disconnects clients that are slow.
+                while k > seen.load(Relaxed) + 100 && !subscriber.is_finished() {
+                    std::thread::yield_now();
+                }
+                (server.advertise(&format!("/topic{k}"), "a/msg/B", "float64 x".into())).unwrap();
+            }
+        });
     }
 }

@@ -549,11 +549,14 @@ impl Participants {
         }
     }
 
-    /// Reconnects all participants whose nodes are not stopping and whose session an interruption for this reason breaks.
+    /// Reconnects all participants whose nodes are not stopping and whose session an interruption for this reason breaks;
+    /// at the same time, as each spends most of it waiting.
     pub(super) fn reconnect_after_interruption(&self, reason: &str) {
-        for participant in self.working() {
-            participant.reconnect_after_interruption(reason);
-        }
+        thread::scope(|scope| {
+            for participant in self.working() {
+                scope.spawn(move || participant.reconnect_after_interruption(reason));
+            }
+        });
     }
 
     /// Reconnects the participants that a lost peer has returned to. To be called from time to time.
