@@ -13,7 +13,6 @@ import time
 
 import rclpy
 from rclpy.action import ActionClient
-from rclpy._rclpy_pybind11 import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -88,14 +87,11 @@ class Peer:
         self.received = collections.defaultdict(list)
         self.arrived = threading.Condition()
         self.publishers = {}
-        threading.Thread(target=self.spin, daemon=True).start()
+        threading.Thread(target=self.executor.spin, daemon=True).start()
 
-    def spin(self):
-        while rclpy.ok():
-            try:
-                self.executor.spin()
-            except InvalidHandle:
-                pass  # It was about to wait for what a command has just destroyed.
+    def end(self, destroy, *entity):
+        """Destroys an entity in the thread that waits for entities, which would end with an error if another one did."""
+        self.done(self.executor.create_task(destroy, *entity), PATIENCE)
 
     def subscribe(self, topic, type, qos_name="reliable"):
         def take(message):
@@ -194,7 +190,7 @@ class Peer:
                 return {"error": f"no answer from {service}"}
             return {"response": plain(future.result())}
         finally:
-            self.node.destroy_client(client)
+            self.end(self.node.destroy_client, client)
 
     def first_calls(self, service, type, request, count, timeout=10.0):
         """How long the first calls of as many new clients take [ms], from the end of `wait_for_service`; nothing for one
@@ -212,7 +208,7 @@ class Peer:
                 answer = answered.wait(timeout)
                 times.append((time.monotonic() - start) * 1e3 if answer else None)
             finally:
-                self.node.destroy_client(client)
+                self.end(self.node.destroy_client, client)
         return times
 
     def first_goals(self, action, type, goal, count, timeout=10.0):
@@ -236,7 +232,7 @@ class Peer:
             except TimeoutError:
                 times.append(None)
             finally:
-                client.destroy()
+                self.end(client.destroy)
         return times
 
     def once(self, topic, type, message, matched=1):
@@ -299,7 +295,7 @@ class Peer:
                 "feedback": list(feedback),
             }
         finally:
-            client.destroy()
+            self.end(client.destroy)
 
     def process_id(self):
         return os.getpid()
@@ -311,7 +307,7 @@ class Peer:
 
     def withdraw(self, topic):
         """Ends the publisher of a topic."""
-        self.node.destroy_publisher(self.publishers.pop(topic))
+        self.end(self.node.destroy_publisher, self.publishers.pop(topic))
 
     def set_parameters(self, node, values, atomically=False):
         messages = [Parameter(name, value=value).to_parameter_msg() for name, value in values]

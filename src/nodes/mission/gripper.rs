@@ -17,6 +17,9 @@ use crate::{
 /// Time after which a command that has not been carried out is sent again \[s\].
 const RETRY_PERIOD: f64 = 1.0;
 
+/// Most calls without an answer that are waited for; one beyond them takes the place of the oldest.
+const MOST_CALLS: usize = 8;
+
 /// Follows the mission's commands to the gripper.
 pub(super) enum GripperDriver {
     /// A latch that works by itself.
@@ -126,6 +129,8 @@ impl GripperServices {
         let sent = self.sent.take();
         let mut pending = sent.map_or_else(Vec::new, |sent| sent.pending);
         pending.extend(call.ok());
+        let excess = pending.len().saturating_sub(MOST_CALLS);
+        pending.drain(..excess);
         self.sent = Some(Sent { pending, time });
     }
 }
