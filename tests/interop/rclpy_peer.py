@@ -81,6 +81,15 @@ threading.Thread(target=spin, daemon=True).start()
 asked = request()
 
 
+def spinning(function, *arguments, **named):
+    """The result of a function that is called in the thread that spins. If another thread sends a goal, rclpy may take its
+    answer for one to nobody, since it notes a request after it has sent it."""
+    task = executor.create_task(function, *arguments, **named)
+    if not eventually(task.done):
+        raise TimeoutError("the executor does not spin")
+    return task.result()
+
+
 def listen(topic, cls, qos):
     heard = []
     return heard, node.create_subscription(cls, topic, heard.append, qos)
@@ -199,14 +208,14 @@ def send(steps, **more):
         raise TimeoutError("no action steps")
     heard = []
     on_feedback = lambda message: heard.append(message.feedback.completed_steps)
-    future = client.send_goal_async(SimulateSteps.Goal(steps=steps), feedback_callback=on_feedback, **more)
+    future = spinning(client.send_goal_async, SimulateSteps.Goal(steps=steps), feedback_callback=on_feedback, **more)
     if not eventually(future.done):
         raise TimeoutError("no answer to a goal")
     return future.result(), heard
 
 
 def outcome_of(goal):
-    future = goal.get_result_async()
+    future = spinning(goal.get_result_async)
     if not eventually(future.done):
         raise TimeoutError("no outcome")
     return future.result()
@@ -220,7 +229,7 @@ def goal_taken():
 def goal_cancelled():
     goal, heard = seen["endless"]
     eventually(lambda: len(heard) >= 3)
-    cancel = goal.cancel_goal_async()
+    cancel = spinning(goal.cancel_goal_async)
     if not eventually(cancel.done):
         raise TimeoutError("no answer to a cancellation")
     named = [bytes(info.goal_id.uuid) for info in cancel.result().goals_canceling]

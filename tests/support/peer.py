@@ -89,9 +89,11 @@ class Peer:
         self.publishers = {}
         threading.Thread(target=self.executor.spin, daemon=True).start()
 
-    def end(self, destroy, *entity):
-        """Destroys an entity in the thread that waits for entities, which would end with an error if another one did."""
-        self.done(self.executor.create_task(destroy, *entity), PATIENCE)
+    def spinning(self, function, *arguments, **named):
+        """The result of a function that is called in the thread that spins. If another thread calls it, rclpy may take an
+        answer for one to nobody, since it notes a request after it has sent it; and it fails if it is about to wait for
+        what is being destroyed."""
+        return self.done(self.executor.create_task(function, *arguments, **named), PATIENCE)
 
     def subscribe(self, topic, type, qos_name="reliable"):
         def take(message):
@@ -183,14 +185,14 @@ class Peer:
         try:
             if not client.wait_for_service(timeout):
                 return {"error": f"no service {service}"}
-            future = client.call_async(fill(load(type).Request(), request))
+            future = self.spinning(client.call_async, fill(load(type).Request(), request))
             answered = threading.Event()
             future.add_done_callback(lambda _: answered.set())
             if not answered.wait(timeout):
                 return {"error": f"no answer from {service}"}
             return {"response": plain(future.result())}
         finally:
-            self.end(self.node.destroy_client, client)
+            self.spinning(self.node.destroy_client, client)
 
     def first_calls(self, service, type, request, count, timeout=10.0):
         """How long the first calls of as many new clients take [ms], from the end of `wait_for_service`; nothing for one
@@ -203,12 +205,12 @@ class Peer:
                     return {"error": f"no service {service}"}
                 answered = threading.Event()
                 start = time.monotonic()
-                future = client.call_async(fill(load(type).Request(), request))
+                future = self.spinning(client.call_async, fill(load(type).Request(), request))
                 future.add_done_callback(lambda _, answered=answered: answered.set())
                 answer = answered.wait(timeout)
                 times.append((time.monotonic() - start) * 1e3 if answer else None)
             finally:
-                self.end(self.node.destroy_client, client)
+                self.spinning(self.node.destroy_client, client)
         return times
 
     def first_goals(self, action, type, goal, count, timeout=10.0):
@@ -221,18 +223,18 @@ class Peer:
                 if not client.wait_for_server(PATIENCE):
                     return {"error": f"no action {action}"}
                 start = time.monotonic()
-                handle = self.done(client.send_goal_async(fill(load(type).Goal(), goal)), timeout)
+                handle = self.done(self.spinning(client.send_goal_async, fill(load(type).Goal(), goal)), timeout)
                 times.append((time.monotonic() - start) * 1e3)
                 start = time.monotonic()
-                self.done(handle.cancel_goal_async(), timeout)
+                self.done(self.spinning(handle.cancel_goal_async), timeout)
                 times.append((time.monotonic() - start) * 1e3)
                 start = time.monotonic()
-                self.done(handle.get_result_async(), timeout)
+                self.done(self.spinning(handle.get_result_async), timeout)
                 times.append((time.monotonic() - start) * 1e3)
             except TimeoutError:
                 times.append(None)
             finally:
-                self.end(client.destroy)
+                self.spinning(client.destroy)
         return times
 
     def once(self, topic, type, message, matched=1):
@@ -278,15 +280,15 @@ class Peer:
             if not client.wait_for_server(timeout):
                 return {"error": f"no action {action}"}
             goal = fill(load(type).Goal(), goal)
-            handle = self.done(client.send_goal_async(goal, feedback_callback=hear), timeout)
+            handle = self.done(self.spinning(client.send_goal_async, goal, feedback_callback=hear), timeout)
             if not handle.accepted:
                 return {"accepted": False}
             cancelled = None
             if cancel_after is not None:
                 if not enough.wait(timeout):
                     raise TimeoutError(f"{len(feedback)} feedbacks")
-                cancelled = self.done(handle.cancel_goal_async(), timeout).return_code
-            outcome = self.done(handle.get_result_async(), timeout)
+                cancelled = self.done(self.spinning(handle.cancel_goal_async), timeout).return_code
+            outcome = self.done(self.spinning(handle.get_result_async), timeout)
             return {
                 "accepted": True,
                 "cancelled": cancelled,
@@ -295,7 +297,7 @@ class Peer:
                 "feedback": list(feedback),
             }
         finally:
-            self.end(client.destroy)
+            self.spinning(client.destroy)
 
     def process_id(self):
         return os.getpid()
@@ -307,7 +309,7 @@ class Peer:
 
     def withdraw(self, topic):
         """Ends the publisher of a topic."""
-        self.end(self.node.destroy_publisher, self.publishers.pop(topic))
+        self.spinning(self.node.destroy_publisher, self.publishers.pop(topic))
 
     def set_parameters(self, node, values, atomically=False):
         messages = [Parameter(name, value=value).to_parameter_msg() for name, value in values]
