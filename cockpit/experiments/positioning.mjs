@@ -143,7 +143,7 @@ function installOperator({ reaction, imagePeriod }) {
           since = near ? (since ?? time) : undefined;
           if ((since !== undefined && time - since >= settled) || time >= longest) {
             window.pilot.stop();
-            resolve({ time: since ?? null, path, stalls: window.cockpit.operator.stalls });
+            resolve({ time: since !== undefined && time - since >= settled ? since : null, path, stalls: window.cockpit.operator.stalls });
           }
         }, 10);
       });

@@ -66,12 +66,15 @@ export class Connection {
     client.on("status", (status) => this.onNotice(status.message));
     client.on("time", (time) => this.onTime(time.timestamp));
     client.on("advertise", (channels) => {
-      for (const channel of channels) {
-        this.channels.set(channel.id, channel);
-        this.subscribe(channel);
-      }
+      for (const channel of channels) this.channels.set(channel.id, channel);
+      // A new topic may take the place of another one.
+      for (const channel of this.channels.values()) this.subscribe(channel);
     });
     client.on("unadvertise", (ids) => ids.forEach((id) => this.channels.delete(id)));
+    client.on("unadvertiseServices", (ids) => {
+      for (const [name, service] of this.services) if (ids.includes(service.id)) this.services.delete(name);
+      this.onServices();
+    });
     client.on("advertiseServices", (services) => {
       for (const service of services) this.services.set(service.name, service);
       this.onServices();
@@ -106,8 +109,11 @@ export class Connection {
 
   private subscribe(channel: Channel): void {
     const handlers = this.wishes.filter(({ match }) => match(channel)).map(({ handler }) => handler);
-    const known = [...this.subscriptions.values()].find((s) => s.channel.id === channel.id);
-    if (known) known.handlers = handlers;
+    const known = [...this.subscriptions].find(([, s]) => s.channel.id === channel.id);
+    if (known && handlers.length === 0) {
+      this.client?.unsubscribe(known[0]);
+      this.subscriptions.delete(known[0]);
+    } else if (known) known[1].handlers = handlers;
     else if (handlers.length > 0 && channel.encoding === "cdr" && this.client) {
       this.subscriptions.set(this.client.subscribe(channel.id), { channel, handlers });
     }

@@ -38,20 +38,23 @@ export class Images {
   readonly stamps: Partial<Record<Eye, number>> = {};
   /** Whether anybody's camera is a pair. */
   private paired = false;
+  /** Eyes whose picture is being decoded, and the newest one that waits for it. */
+  private readonly decoding = new Map<Eye, (() => void) | undefined>();
 
-  constructor(private readonly connection: Connection, private readonly stage: Stage) {
+  /** Topics for which `isOther` is true are those of robots that are not shown. */
+  constructor(private readonly connection: Connection, private readonly stage: Stage, isOther: (topic: string) => boolean) {
+    const on = (topic: RegExp, handler: (message: Message) => void, but = (_: string) => false) =>
+      connection.on((c) => topic.test(c.topic) && !isOther(c.topic) && !but(c.topic), handler);
+    const isCompressed = (topic: string) => this.has(`${topic}/compressed`);
     for (const eye of ["left", "right"] as const) {
       const raw = new RegExp(`camera/${eye}/image(_raw|_color|_rect)?$`);
       const compressed = new RegExp(`camera/${eye}/image(_raw|_color|_rect)?/compressed$`);
-      connection.on((c) => compressed.test(c.topic), (m) => this.decode(m, [eye], true));
-      connection.on((c) => raw.test(c.topic) && !this.has(`${c.topic}/compressed`), (m) => this.show(m, [eye], true));
+      on(compressed, (m) => this.decode(m, [eye], true));
+      on(raw, (m) => this.show(m, [eye], true), isCompressed);
     }
     // One camera is shown to both eyes.
-    connection.on((c) => /camera\/image_raw\/compressed$/.test(c.topic), (m) => this.decode(m, ["left", "right"], false));
-    connection.on(
-      (c) => /camera\/image_raw$/.test(c.topic) && !this.has(`${c.topic}/compressed`),
-      (m) => this.show(m, ["left", "right"], false),
-    );
+    on(/camera\/image_raw\/compressed$/, (m) => this.decode(m, ["left", "right"], false));
+    on(/camera\/image_raw$/, (m) => this.show(m, ["left", "right"], false), isCompressed);
   }
 
   private has(topic: string): boolean {
@@ -73,15 +76,30 @@ export class Images {
   private decode(message: Message, eyes: Eye[], pair: boolean): void {
     this.paired ||= pair;
     if (this.paired && !pair) return;
+    // Pictures that come faster than they are decoded are left out.
+    const [eye] = eyes;
+    if (this.decoding.has(eye)) {
+      this.decoding.set(eye, () => this.decode(message, eyes, pair));
+      return;
+    }
+    this.decoding.set(eye, undefined);
+    const { session } = this.connection;
+    const done = () => {
+      const next = this.decoding.get(eye);
+      this.decoding.delete(eye);
+      if (session === this.connection.session) next?.();
+    };
     const blob = new Blob([message.data], { type: message.format.includes("png") ? "image/png" : "image/jpeg" });
     createImageBitmap(blob, { imageOrientation: "flipY" }).then(
       (bitmap) => {
+        // The picture of a connection that has ended.
+        if (session !== this.connection.session) return bitmap.close();
         const texture = new Texture(bitmap);
         texture.flipY = false;
         this.put(texture, message, eyes);
       },
       () => this.connection.onNotice(`camera image: a compressed picture cannot be read (${message.format})`),
-    );
+    ).finally(done);
   }
 
   private put(texture: Texture, message: Message, eyes: Eye[]): void {

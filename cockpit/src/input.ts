@@ -10,6 +10,11 @@ const KEYS: Record<string, [axis: number, sign: number]> = {
 };
 /** Buttons of a gamepad in the standard layout. */
 const [ENABLE, HOLD, LB, RB, LT, RT] = [0, 1, 4, 5, 6, 7];
+/** Deflection up to which a worn stick is at rest. */
+const PLAY = 0.08;
+
+/** Deflection beyond the play of a stick, from -1 to 1. */
+const beyondPlay = (v: number) => (Math.abs(v) < PLAY ? 0 : (Math.sign(v) * (Math.abs(v) - PLAY)) / (1 - PLAY));
 
 export class Input {
   private readonly pressed = new Set<string>();
@@ -17,15 +22,21 @@ export class Input {
   private holdWasPressed = false;
   /** The gamepad in use, for display. */
   gamepad = "";
+  /** One that is connected, but whose layout the browser does not know. */
+  unknownGamepad = "";
 
   /** `hold` is called when the operator presses the key or button for it. */
   constructor(surface: HTMLElement, private readonly hold: () => void) {
     surface.addEventListener("keydown", (event) => {
+      // Systems that use this key do not report the release of others while it is held.
+      if (event.key === "Meta") this.pressed.clear();
       if (event.ctrlKey || event.altKey || event.metaKey) return;
-      if (event.code === "KeyH" && !event.repeat) this.hold();
-      else if (event.code === "Space" || event.code in KEYS) this.pressed.add(event.code);
-      else return;
+      if (event.code !== "KeyH" && event.code !== "Space" && !(event.code in KEYS)) return;
       event.preventDefault();
+      // A key that repeats was pressed before the window had the focus, or is known already.
+      if (event.repeat) return;
+      if (event.code === "KeyH") this.hold();
+      else this.pressed.add(event.code);
     });
     surface.addEventListener("keyup", (event) => this.pressed.delete(event.code));
     surface.addEventListener("blur", () => this.pressed.clear());
@@ -51,18 +62,24 @@ export class Input {
       this.sticks.set(name, [-y, -x]);
       show(x, y);
     };
+    const end = () => {
+      this.sticks.delete(name);
+      show(0, 0);
+    };
     element.addEventListener("pointerdown", (event) => {
+      // Other buttons open menus, which swallow the release.
+      if (event.button !== 0) return;
       element.setPointerCapture(event.pointerId);
       move(event);
       event.preventDefault();
     });
-    element.addEventListener("pointermove", (event) => this.sticks.has(name) && move(event));
-    for (const end of ["pointerup", "pointercancel", "lostpointercapture"] as const) {
-      element.addEventListener(end, () => {
-        this.sticks.delete(name);
-        show(0, 0);
-      });
-    }
+    element.addEventListener("pointermove", (event) => {
+      if (!this.sticks.has(name)) return;
+      if (event.buttons === 0) end();
+      else move(event);
+    });
+    element.addEventListener("contextmenu", (event) => event.preventDefault());
+    for (const type of ["pointerup", "pointercancel", "lostpointercapture"] as const) element.addEventListener(type, end);
   }
 
   /** Releases everything. */
@@ -90,12 +107,15 @@ export class Input {
   /** Adds the gamepad's deflections; whether its button enables. */
   private readGamepad(add: (axis: number, value: number) => void): boolean {
     const pads = typeof navigator.getGamepads === "function" ? [...navigator.getGamepads()] : [];
-    const pad = pads.find((p) => p?.connected && p.axes.length >= 4);
+    const connected = pads.filter((p) => p?.connected);
+    // What axes and buttons of others are is not known.
+    const pad = connected.find((p) => p?.mapping === "standard" && p.axes.length >= 4);
     this.gamepad = pad?.id ?? "";
+    this.unknownGamepad = pad ? "" : (connected[0]?.id ?? "");
     // A window in the background must not steer.
-    if (!pad || document.hidden) return false;
+    if (!pad || document.hidden || !document.hasFocus()) return false;
     const button = (i: number) => pad.buttons[i]?.value ?? 0;
-    const [lx, ly, rx, ry] = pad.axes;
+    const [lx, ly, rx, ry] = pad.axes.map(beyondPlay);
     add(0, -ly);
     add(1, -lx);
     add(2, -ry);

@@ -30,14 +30,17 @@ const connection = new Connection(`${scheme}://${location.host}/ws${query}`);
 
 const world = new World(connection);
 const stage = new Stage(element<HTMLCanvasElement>("canvas"), element("stage"), world);
-const images = new Images(connection, stage);
+const images = new Images(connection, stage, (topic) => world.isOther(topic));
 const input = new Input(element("stage"), () => hold());
 input.stick(element("stick-left"), "left");
 input.stick(element("stick-right"), "right");
 const operator = new Operator(connection, input);
 const diagnostics = new Diagnostics();
 const parameters = new Parameters(connection);
-const simulation = new Simulation(connection, () => world.clearTrail());
+const simulation = new Simulation(connection, () => {
+  world.clearTrail();
+  firstMomentum = undefined;
+});
 const plots = {
   tip: new Plot(element("plots"), "tip error", "m"),
   rates: new Plot(element("plots"), "joint rates", "rad/s"),
@@ -52,6 +55,8 @@ let clockArrived = 0;
 let stateStamp: number | undefined;
 let stateArrived = -Infinity;
 let rates: number[] = [];
+/** Momentum at the beginning of the run. */
+let firstMomentum: { linear: Vector3; angular: Vector3; stamp: number } | undefined;
 
 connection.onNotice = (text) => (element("notice").textContent = text);
 connection.onTime = (time) => {
@@ -69,6 +74,7 @@ connection.onState = (state) => {
     diagnostics.clear();
     parameters.clear();
     stateArrived = -Infinity;
+    firstMomentum = undefined;
   } else {
     connection.onNotice(state === "watching" && token ? "The access token is wrong: this page only watches." : "");
   }
@@ -86,6 +92,7 @@ connection.onServices = () => {
 world.subscribe();
 connection.on((c) => c.topic.endsWith("/diagnostics"), (message) => diagnostics.take(message));
 connection.on((c) => c.topic.endsWith("/joint_states") && !c.topic.includes("ground_truth"), (message, topic) => {
+  if (world.isOther(topic)) return;
   stateStamp = seconds(message.header.stamp);
   stateArrived = performance.now();
   rates = [...message.velocity];
@@ -97,17 +104,16 @@ connection.on((c) => c.topic.endsWith("/joint_states") && !c.topic.includes("gro
     plots.base.add(stateStamp, { roll, pitch, yaw });
   }
 });
-connection.on((c) => c.topic.endsWith("/controller/state"), (message) =>
+connection.on((c) => c.topic.endsWith("/controller/state") && !world.isOther(c.topic), (message) =>
   plots.tip.add(seconds(message.header.stamp), { error: message.position_error_norm }));
-let firstMomentum: { linear: Vector3; angular: Vector3; stamp: number } | undefined;
-connection.on((c) => /(^|\/)ground_truth\/momentum$/.test(c.topic), (message: Message) => {
+connection.on((c) => /(^|\/)ground_truth\/momentum$/.test(c.topic) && !world.isOther(c.topic), (message: Message) => {
   const time = seconds(message.header.stamp);
   const part = (v: Message) => new Vector3(v.x, v.y, v.z);
   const [linear, angular] = [part(message.linear), part(message.angular)];
   if (!firstMomentum || time < firstMomentum.stamp) firstMomentum = { linear, angular, stamp: time };
   plots.momentum.add(time, { linear: linear.distanceTo(firstMomentum.linear), angular: angular.distanceTo(firstMomentum.angular) });
 });
-connection.on((c) => c.topic.endsWith("/camera_info"), (info: Message) => {
+connection.on((c) => c.topic.endsWith("/camera_info") && !world.isOther(c.topic), (info: Message) => {
   if (info.k[4] > 0) stage.pinhole = { fy: info.k[4], width: info.width, height: info.height };
 });
 
@@ -253,7 +259,9 @@ function showFigures(age: number): void {
   element("label-overview").hidden = !split && stage.layout !== "overview";
   element("gamepad").textContent = input.gamepad
     ? `Gamepad: ${input.gamepad}. A enables, B holds.`
-    : "No gamepad. Press one of its buttons to connect it; A enables, B holds.";
+    : input.unknownGamepad
+      ? `Gamepad: ${input.unknownGamepad} is not used, since its browser does not know its layout.`
+      : "No gamepad. Press one of its buttons to connect it; A enables, B holds.";
   if (trip !== undefined && Number.isFinite(age) && connection.state !== "connecting") {
     plots.latency.add(performance.now() / 1000, { "round trip": trip, "image age": 1000 * age });
   }

@@ -50,6 +50,8 @@ export function robot(urdf: string, connection: Connection): URDFRobot {
       });
   };
   const model = loader.parse(urdf);
+  // The simulation decides where joints are, also beyond limits.
+  for (const joint of Object.values(model.joints)) joint.ignoreLimits = true;
   model.traverse((part) => {
     // The loader's material shines; surfaces of spacecraft are drawn matt.
     if (part instanceof Mesh && "color" in part.material) {

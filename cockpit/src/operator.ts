@@ -79,7 +79,13 @@ export class Operator {
   /** Takes control, or releases it. */
   toggle(): void {
     this.wanted = !this.hasControl;
-    if (!this.wanted) this.disarm();
+    if (!this.wanted) {
+      // A command that follows the release would take control again.
+      this.hasControl = false;
+      this.waiting = [];
+      this.disarm();
+      this.onChange(this.role);
+    }
     void this.call();
   }
 
@@ -141,12 +147,12 @@ export class Operator {
         const response = await connection.call(service, { data: asksFor });
         if (session !== connection.session) return;
         const had = this.hasControl;
-        this.hasControl = response.success;
+        this.hasControl = response.success && this.wanted === asksFor && asksFor;
         this.others = response.message.startsWith("another");
         if (had && !response.success && this.wanted) connection.onNotice("Control is lost: " + response.message);
         // A refused wish is not repeated: the operator decides. One that is newer than the call is still to be sent.
         if (asksFor && !response.success) this.wanted = false;
-        if (had !== response.success) this.disarm();
+        if (had !== this.hasControl) this.disarm();
       } else {
         // Watchers have no services: the refusal of a mesh without a name comes back as fast.
         await connection.fetchAsset("").catch((error: Error) => {

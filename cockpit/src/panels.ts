@@ -109,7 +109,13 @@ export class Parameters {
     const apply = () => {
       const value = read(input.value, this.values.get(name)!);
       if (value === undefined) this.connection.onNotice(`${name}: ${input.value} is not a value of its type`);
-      else void this.set(name, value).then(() => (input.value = text(this.values.get(name)!)));
+      else {
+        void this.set(name, value).then(() => {
+          // There is none if the connection has ended meanwhile.
+          const now = this.values.get(name);
+          if (now) input.value = text(now);
+        });
+      }
     };
     set.addEventListener("click", apply);
     input.addEventListener("keydown", (event) => event.key === "Enter" && apply());

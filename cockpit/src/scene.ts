@@ -53,11 +53,28 @@ export class World {
   /** Subscribes to what is drawn. */
   subscribe(): void {
     const { connection } = this;
-    connection.on((c) => /(^|\/)tf(_static)?$/.test(c.topic), (message) => this.frames.take(message));
+    const own = (take: (message: Message) => void) => (message: Message, topic: string) => {
+      if (!this.isOther(topic)) take(message);
+    };
+    connection.on((c) => /(^|\/)tf(_static)?$/.test(c.topic), own((message) => this.frames.take(message)));
     connection.on((c) => c.topic.endsWith("/robot_description"), (m, topic) => this.describe(topic, m.data));
     connection.on((c) => c.topic.endsWith("/joint_states"), (m, topic) => this.move(topic, m));
-    connection.on((c) => c.topic.endsWith("/markers"), (message) => this.mark(message));
-    connection.on((c) => c.topic.endsWith("/estimator/prediction"), (message) => this.predictions.take(message));
+    connection.on((c) => c.topic.endsWith("/markers"), own((message) => this.mark(message)));
+    connection.on((c) => c.topic.endsWith("/estimator/prediction"), own((message) => this.predictions.take(message)));
+  }
+
+  /** Namespaces of the robots, `/` or `/name/`. The first one is shown and operated. */
+  private get namespaces(): string[] {
+    const topics = [...this.connection.channels.values()].map((c) => c.topic);
+    const described = topics.filter((t) => t.endsWith("/robot_description") && !t.includes("ground_truth"));
+    const all = described.map((topic) => topic.replace(/robot_description$/, ""));
+    return all.sort((a, b) => a.length - b.length || (a < b ? -1 : 1));
+  }
+
+  /** Whether a topic is that of another robot than the one that is shown: frames of both have the same names. */
+  isOther(topic: string): boolean {
+    const [own, ...others] = this.namespaces;
+    return others.some((other) => other !== own && topic.startsWith(other));
   }
 
   /** Forgets what belongs to a connection that has ended. */
@@ -119,8 +136,7 @@ export class World {
   }
 
   private get chaser(): Model | undefined {
-    const own = [...this.models].filter(([topic]) => !topic.includes("ground_truth"));
-    return own.sort(([a], [b]) => a.length - b.length)[0]?.[1];
+    return this.models.get(`${this.namespaces[0]}robot_description`);
   }
 
   get baseFrame(): string | undefined {
@@ -154,8 +170,8 @@ export class World {
 
   /** Moves everything to where the last messages say. */
   update(): void {
-    for (const { model, base } of this.models.values()) {
-      const pose = this.frames.pose(base);
+    for (const [topic, { model, base }] of this.models) {
+      const pose = this.isOther(topic) ? undefined : this.frames.pose(base);
       model.visible = pose !== undefined;
       if (pose) model.matrix.copy(pose);
     }

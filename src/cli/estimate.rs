@@ -108,7 +108,7 @@ pub struct Args {
         value_name = "X,Y,Z",
         value_delimiter = ',',
         allow_negative_numbers = true,
-        requires = "orbit_normal"
+        requires_all = ["orbital_rate", "orbit_normal"]
     )]
     radial: Vec<f64>,
     /// Normal of the orbit, camera axes: x,y,z
@@ -117,7 +117,7 @@ pub struct Args {
         value_name = "X,Y,Z",
         value_delimiter = ',',
         allow_negative_numbers = true,
-        requires = "radial"
+        requires_all = ["orbital_rate", "radial"]
     )]
     orbit_normal: Vec<f64>,
     /// Distance between two points [m], which gives the scale: ID,ID,M
@@ -251,7 +251,9 @@ fn widths(args: &Args) -> Widths {
 /// The orbit, if its directions are given.
 fn orbit(args: &Args) -> Result<Option<Orbit>, Failure> {
     let vector = |name: &str, values: &[f64]| match values {
-        [x, y, z] if Vector3::new(*x, *y, *z).norm() > 0.0 => {
+        [x, y, z]
+            if (f64::MIN_POSITIVE..f64::INFINITY).contains(&Vector3::new(*x, *y, *z).norm()) =>
+        {
             Ok(Vector3::new(*x, *y, *z).normalize())
         }
         _ => Err(Failure::Input(format!(

@@ -16,6 +16,7 @@ mod router;
 mod simulate;
 mod table;
 
+use std::ffi::OsString;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -100,14 +101,22 @@ impl Failure {
 /// Runs the command given by the process's arguments and returns its exit code (0 done, 1 ran but a check failed, 2
 /// invalid input).
 pub fn main() -> ExitCode {
-    let mut args: Vec<String> = std::env::args().collect();
+    // Paths need not be UTF-8.
+    let mut args: Vec<OsString> = std::env::args_os().collect();
     let ros_args = match args.iter().position(|arg| arg == "--ros-args") {
         Some(at) => args.split_off(at),
         None => Vec::new(),
     };
     let command = Cli::parse_from(args).command;
     let command = command.unwrap_or_else(|| Command::Launch(launch::Args::default()));
-    match command.run(ros_args) {
+    let ros_args = ros_args.into_iter().map(|arg| {
+        let problem = |arg: OsString| Failure::Input(format!("argument {arg:?} is not UTF-8"));
+        arg.into_string().map_err(problem)
+    });
+    match ros_args
+        .collect::<Result<_, _>>()
+        .and_then(|args| command.run(args))
+    {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             for line in failure.to_string().lines() {

@@ -59,14 +59,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let start = Instant::now();
     let observed = simulation::simulate(&mut fleet, duration, bag.as_mut(), |_, _| Ok(()));
-    let observed = observed.map_err(|stop| Failure::Runtime(stop.describe(&scenario)))?;
     let wall_time = start.elapsed().as_secs_f64();
+    // A run that has stopped is in the bag up to there.
+    let finished = bag.map(|bag| bag.finish().map_err(|e| Failure::Runtime(e.to_string())));
+    let observed = observed.map_err(|stop| Failure::Runtime(stop.describe(&scenario)))?;
     for warning in warnings(&scenario, &fleet, &observed) {
         eprintln!("fuyu: warning: {warning}");
     }
-    if let Some(bag) = bag {
-        bag.finish().map_err(|e| Failure::Runtime(e.to_string()))?;
-    }
+    finished.transpose()?;
     let summaries = simulation::summaries(&fleet, &observed, wall_time);
     print(&match args.json {
         true => {

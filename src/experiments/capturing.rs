@@ -1,5 +1,6 @@
 //! A capture mission with its camera and estimator, in one thread, without DDS.
 
+use fuyu_render::Distortion as Lens;
 use nalgebra::{DVector, UnitQuaternion, Vector3};
 
 use super::{EstimationLoop, GraspLoad};
@@ -14,6 +15,7 @@ use crate::{
     nodes::{
         camera::{TargetCamera, camera_frame, pinhole},
         dynamics::{FreeBody as _, World, imu},
+        features::rectified,
         geometry::{message_round_trip, vector_from_msg, with_matrix},
         mission::{Fingers, Grip, forecast},
         scenario::Scenario,
@@ -22,8 +24,16 @@ use crate::{
     },
     ros::Time,
     spatial::Pose,
-    vision::{FeatureFrame, PoseCamera, PoseFrame},
+    vision::{Distortion, FeatureFrame, PoseCamera, PoseFrame},
 };
+
+/// What the estimator knows of the camera's lens, as the node does by `CameraInfo`.
+fn calibration(lens: Option<Lens>) -> Result<Option<Distortion>, String> {
+    let Some((model, d)) = lens.map(|lens| lens.model()) else {
+        return Ok(None);
+    };
+    Distortion::new(model, &d).map_err(|e| e.to_string())
+}
 
 /// A mission with its camera and estimator.
 pub struct Capturing {
@@ -33,6 +43,8 @@ pub struct Capturing {
     joints: Vec<usize>,
     camera: PoseCamera,
     target_camera: TargetCamera,
+    /// Distortion of its lens, for the estimator.
+    lens: Option<Distortion>,
     estimator: EstimationLoop,
     tip: Frame,
     optical: Frame,
@@ -158,6 +170,7 @@ impl Capturing {
             .target_index(carrier)
             .map_err(|e| at(format!("camera: parameter goal.frame: {e}")))?;
         let optical = camera_frame(model).map_err(at)?.clone();
+        let lens = camera.lens();
         let R_BC = UnitQuaternion::from_rotation_matrix(&world.robot.X_BF(&optical).rotation);
         Ok(Self {
             grip: SimulatedGrip::new(&params.grip, scenario, model).map_err(at)?,
@@ -165,7 +178,8 @@ impl Capturing {
                 .filter_map(|joint| model.joint_index(&joint.name))
                 .collect(),
             mission,
-            target_camera: TargetCamera::new(features),
+            target_camera: TargetCamera::new(features).with_lens(lens),
+            lens: calibration(lens).map_err(at)?,
             estimator: EstimationLoop::new(
                 scenario.estimator()?,
                 pinhole(camera.image),
@@ -244,7 +258,11 @@ impl Capturing {
         while let Some(frame) = self.target_camera.deliver(time) {
             // A target that is held does not move freely any more.
             if self.mission.payload().is_none()
-                && let Some(path) = self.estimator.add_frame(frame.clone())
+                && let Some(path) = self.estimator.add_frame(rectified(
+                    frame.clone(),
+                    &pinhole(self.image),
+                    self.lens.as_ref(),
+                ))
             {
                 self.mission.add_forecast(forecast(&path).map_err(at)?);
                 self.predictions.push(path);

@@ -377,7 +377,7 @@ impl VisualServo {
         let target = match &camera.features {
             None => None,
             Some(features) => Some(TrackedTarget {
-                target_camera: TargetCamera::new(features),
+                target_camera: TargetCamera::new(features).with_lens(camera.lens()),
                 body: (others.find(world, &features.target))
                     .map_err(|e| at(format!("camera: parameter features.target: {e}")))?,
                 camera: camera_frame(model).map_err(at)?.clone(),

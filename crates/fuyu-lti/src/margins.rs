@@ -104,6 +104,23 @@ pub fn margins(open_loop: &StateSpace) -> Result<Margins, LtiError> {
             }
         }
     }
+    // The response is real at the ends of the frequencies, where its imaginary part has no change of sign.
+    let ends = [0.0, open_loop.nyquist_frequency()];
+    for w in ends.into_iter().filter(|w| w.is_finite()) {
+        let crosses =
+            |g: &Complex| g.re < 0.0 && g.im.abs() <= 1e-9 * g.norm() && g.norm() < INTEGRATES;
+        let is_known = out
+            .gain
+            .iter()
+            .any(|m| (m.frequency - w).abs() <= 1e-6 * (1.0 + w));
+        if let Some(g) = value(w).filter(crosses).filter(|_| !is_known) {
+            out.gain.push(GainMargin {
+                frequency: w,
+                decibel: -20.0 * g.norm().log10(),
+            });
+        }
+    }
+    out.gain.sort_by(|a, b| a.frequency.total_cmp(&b.frequency));
     let distance = |w: f64| value(w).map_or(f64::INFINITY, |g| (g + 1.0).norm());
     for i in 0..samples.len() {
         let here = (samples[i].1 + 1.0).norm();
@@ -124,6 +141,9 @@ pub fn margins(open_loop: &StateSpace) -> Result<Margins, LtiError> {
     }
     Ok(out)
 }
+
+/// Gain at frequency zero beyond which the loop is one with an integrator, of which rounding has left a number.
+const INTEGRATES: f64 = 1e12;
 
 /// Points of the grid in each decade.
 const PER_DECADE: usize = 120;
@@ -215,6 +235,29 @@ pub fn loop_at_input(
 mod tests {
     use super::*;
     use crate::TransferFunction;
+
+    // 2 / (s - 1) is stable from half the gain on, k / (z - 0.5) up to k = 1.5, where its pole is at -1.
+    #[test]
+    fn crossovers_at_the_ends_of_the_frequencies_are_found() {
+        let unstable = TransferFunction::new(&[2.0], &[1.0, -1.0]).unwrap();
+        let found = margins(&unstable.to_state_space().unwrap()).unwrap();
+        assert_eq!(found.gain.len(), 1);
+        assert_eq!(found.gain[0].frequency, 0.0);
+        assert!((found.gain[0].decibel + 20.0 * 2f64.log10()).abs() < 1e-9);
+        let sampled = TransferFunction::new(&[0.5], &[1.0, -0.5]).unwrap();
+        let mut sampled = sampled.to_state_space().unwrap();
+        sampled.sampling_time = Some(0.1);
+        let found = margins(&sampled).unwrap();
+        let last = found.gain.last().expect("at the Nyquist frequency");
+        assert!(
+            (last.decibel - 20.0 * 3f64.log10()).abs() < 1e-6,
+            "{found:?}"
+        );
+        // An integrator has none at zero.
+        let integrator = TransferFunction::new(&[1.0], &[1.0, 1.0, 0.0]).unwrap();
+        let found = margins(&integrator.to_state_space().unwrap()).unwrap();
+        assert!(found.gain.is_empty(), "{found:?}");
+    }
 
     // Crossovers far from every pole, by hand. They are missed by a grid that follows the poles alone.
     #[test]

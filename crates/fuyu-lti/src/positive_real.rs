@@ -20,7 +20,9 @@ pub struct PositiveReal {
 /// Tests a square continuous system, which may have poles on the imaginary axis.
 ///
 /// H is positive real exactly if its scattering function `(H - I)(H + I)^-1` is stable with norm at most 1 (Anderson & Vongpanitlerd
-/// 1973), which the Hamiltonian matrix decides; the sweep is a second opinion and says where.
+/// 1973), which the Hamiltonian matrix decides; the sweep is a second opinion and says where. The realization must be minimal: an
+/// unobservable pole on the imaginary axis, such as the position of a free body whose rate is the output, stays in the scattering
+/// function, which then counts as unstable.
 pub fn positive_real(sys: &StateSpace) -> Result<PositiveReal, LtiError> {
     sys.require_continuous("the test for positive realness")?;
     let m = sys.inputs();

@@ -128,6 +128,13 @@ impl SampledLoop {
         mut reference: impl FnMut(f64) -> DVector<f64>,
         mut disturbance: impl FnMut(f64) -> DVector<f64>,
     ) -> Result<SampledRun, LtiError> {
+        if self.limit.is_nan() || self.limit < 0.0 {
+            return Err(LtiError::Range {
+                what: "the limit of the command".into(),
+                value: self.limit,
+                expected: "zero or more".into(),
+            });
+        }
         let h = self.plant.sampling_time.unwrap_or(1.0);
         let m = self.plant.inputs();
         let (mut x, mut k) = (

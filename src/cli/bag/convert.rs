@@ -42,11 +42,10 @@ pub fn run(args: &ConvertArgs) -> Result<(), Failure> {
         Format::Csv => (TableFormat::Csv, "csv"),
         Format::Parquet => (TableFormat::Parquet, "parquet"),
     };
-    let folder = args.output.clone().unwrap_or_else(|| {
-        let name = args.bag.file_name().unwrap_or_default().to_string_lossy();
-        let stem = name.split(".mcap").next().unwrap_or_default();
-        args.bag.with_file_name(format!("{stem}_{suffix}"))
-    });
+    let folder = args
+        .output
+        .clone()
+        .unwrap_or_else(|| super::next_to(&args.bag, suffix));
     let takes = |topic: &str| args.topics.is_empty() || args.topics.iter().any(|t| t == topic);
     let made = convert(&bag, &folder, format, takes).map_err(|e| match e {
         BagError::Exists(path) => Failure::Input(format!(

@@ -5,7 +5,7 @@ mod play;
 mod recover;
 
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
@@ -13,6 +13,18 @@ use super::table::{shown, width};
 use super::{Failure, print};
 use crate::bag::{Bag, BagError, Info};
 use crate::experiments::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag, plot_bag};
+
+/// The folder next to `bag` that has its name and an underscore with `suffix`.
+fn next_to(bag: &Path, suffix: &str) -> PathBuf {
+    // `.` and `..` have no name; their full paths have.
+    let full = match bag.file_name() {
+        Some(_) => bag.to_owned(),
+        None => bag.canonicalize().unwrap_or_else(|_| bag.to_owned()),
+    };
+    let name = full.file_name().unwrap_or_default().to_string_lossy();
+    let stem = name.split(".mcap").next().unwrap_or_default();
+    full.with_file_name(format!("{stem}_{suffix}"))
+}
 
 /// Inspects, checks, plots, plays, converts or recovers a bag
 ///

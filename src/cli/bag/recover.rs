@@ -26,11 +26,10 @@ pub struct RecoverArgs {
 /// Runs the command.
 pub fn run(args: &RecoverArgs) -> Result<(), Failure> {
     let bag = Bag::open_files(&args.bag).map_err(failure)?;
-    let folder = args.output.clone().unwrap_or_else(|| {
-        let name = args.bag.file_name().unwrap_or_default().to_string_lossy();
-        let stem = name.split(".mcap").next().unwrap_or_default();
-        args.bag.with_file_name(format!("{stem}_recovered"))
-    });
+    let folder = args
+        .output
+        .clone()
+        .unwrap_or_else(|| super::next_to(&args.bag, "recovered"));
     let recovery = recover(&bag, folder, WriterOptions::default()).map_err(failure)?;
     if args.json {
         return print(&json(&recovery)?);

@@ -63,7 +63,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
             Some(topics)
         }
     };
-    let lens = params.images.as_ref().and_then(ImageParams::main_lens);
+    let lens = params.lens();
     let mut tracked = match &params.features {
         None => None,
         Some(features) => {

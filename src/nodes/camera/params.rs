@@ -1,5 +1,6 @@
 //! Parameters of the camera node.
 
+use fuyu_render::Distortion;
 use nalgebra::Isometry3;
 
 use super::{
@@ -109,6 +110,11 @@ impl Quality {
 }
 
 impl CameraParams {
+    /// Distortion of the lens of the main camera, if it has images.
+    pub fn lens(&self) -> Option<Distortion> {
+        self.images.as_ref().and_then(ImageParams::main_lens)
+    }
+
     /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
     ///
     /// # Errors

@@ -42,7 +42,9 @@ impl TargetCamera {
         Self {
             target: self.target,
             is_truth: self.is_truth,
-            camera: self.camera.with_lens(move |point| lens.distort(point)),
+            camera: self
+                .camera
+                .with_lens(move |point| seen(&lens, point).unwrap_or([f64::INFINITY; 2])),
         }
     }
 
@@ -75,6 +77,14 @@ impl TargetCamera {
     }
 }
 
+/// Where a lens shows the point `[x, y]` of the plane at distance 1; `None` beyond the range of the lens, where its polynomial
+/// folds back to places at which the lens shows another point.
+fn seen(lens: &Distortion, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
+    let shown = lens.distort([x, y]);
+    let [u, v] = lens.undistort(shown)?;
+    ((u - x).hypot(v - y) < 1e-6 * (1.0 + x.hypot(y))).then_some(shown)
+}
+
 /// The camera's optical frame on a robot.
 ///
 /// # Errors
@@ -86,4 +96,20 @@ pub fn camera_frame(model: &Model) -> Result<&Frame, String> {
             model.name()
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // The polynomial folds a point at 58 degrees to where the lens shows one at 22. Fails if it is seen there.
+    #[test]
+    fn points_beyond_the_range_of_a_lens_are_not_seen() {
+        let lens = Distortion::PlumbBob([-0.3, 0.0, 0.0, 0.0, 0.0]);
+        let [x, _] = lens.distort([1.6, 0.0]);
+        assert!((x - 0.3712).abs() < 1e-9, "{x}");
+        assert_eq!(seen(&lens, [1.6, 0.0]), None);
+        assert_eq!(seen(&lens, [0.3, 0.1]), Some(lens.distort([0.3, 0.1])));
+        assert_eq!(seen(&Distortion::None, [1.6, 0.0]), Some([1.6, 0.0]));
+    }
 }

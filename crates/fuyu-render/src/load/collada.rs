@@ -10,6 +10,8 @@ use crate::{Material, MeshData};
 
 /// Deepest tree of nodes.
 const DEEPEST: usize = 32;
+/// Most nodes, each counted as often as others repeat it.
+const MOST_NODES: usize = 100_000;
 
 /// Reads the visual scene of a COLLADA file, or all its geometry if it has none.
 pub(super) fn read(bytes: &[u8], resolve: &mut Resolve) -> Result<MeshData, String> {
@@ -42,6 +44,7 @@ pub(super) fn read(bytes: &[u8], resolve: &mut Resolve) -> Result<MeshData, Stri
         by_id,
         resolve,
         whole: MeshData::default(),
+        visited: 0,
     };
     let scale = Matrix4::new_scaling(metre);
     let scene = find(root, "scene").and_then(|scene| find(scene, "instance_visual_scene"));
@@ -103,6 +106,8 @@ struct Reader<'a, 'd, 'r, 'f> {
     by_id: HashMap<&'a str, Node<'a, 'd>>,
     resolve: &'r mut Resolve<'f>,
     whole: MeshData,
+    /// Number of nodes so far; one may be repeated by several others.
+    visited: usize,
 }
 
 /// Numbers with how many belong together.
@@ -150,6 +155,12 @@ impl<'a, 'd> Reader<'a, 'd, '_, '_> {
     ) -> Result<(), String> {
         if depth > DEEPEST {
             return Err(format!("nodes are nested more than {DEEPEST} deep"));
+        }
+        self.visited += 1;
+        if self.visited > MOST_NODES {
+            return Err(format!(
+                "has more than {MOST_NODES} nodes, repeated ones included"
+            ));
         }
         let mut X = *parent;
         for child in node.children().filter(Node::is_element) {

@@ -12,6 +12,8 @@ use crate::{Material, MeshData};
 
 /// Deepest tree of nodes.
 const DEEPEST: usize = 64;
+/// Most nodes, each counted as often as others repeat it.
+const MOST_NODES: usize = 100_000;
 
 /// Reads the default scene of a glTF file.
 pub(super) fn read(bytes: &[u8], resolve: &mut Resolve) -> Result<MeshData, String> {
@@ -38,6 +40,7 @@ pub(super) fn read(bytes: &[u8], resolve: &mut Resolve) -> Result<MeshData, Stri
         buffers,
         materials,
         whole: MeshData::default(),
+        visited: 0,
     };
     let scene = document
         .default_scene()
@@ -105,12 +108,20 @@ struct Reader {
     buffers: Vec<Vec<u8>>,
     materials: Vec<Material>,
     whole: MeshData,
+    /// Number of nodes so far; one may be repeated by several others.
+    visited: usize,
 }
 
 impl Reader {
     fn node(&mut self, node: &Node, parent: &Matrix4<f32>, depth: usize) -> Result<(), String> {
         if depth > DEEPEST {
             return Err(format!("nodes are nested more than {DEEPEST} deep"));
+        }
+        self.visited += 1;
+        if self.visited > MOST_NODES {
+            return Err(format!(
+                "has more than {MOST_NODES} nodes, repeated ones included"
+            ));
         }
         let transform = parent * Matrix4::from(node.transform().matrix());
         if let Some(mesh) = node.mesh() {
@@ -148,7 +159,9 @@ impl Reader {
             (Some(normals), Some(R)) => normals.map(|n| (R * Vector3::from(n)).into()).collect(),
             _ => Vec::new(),
         };
-        let uvs: Vec<[f32; 2]> = match reader.read_tex_coords(0) {
+        let texture = (primitive.material().pbr_metallic_roughness()).base_color_texture();
+        let set = texture.map_or(0, |texture| texture.tex_coord());
+        let uvs: Vec<[f32; 2]> = match reader.read_tex_coords(set) {
             // The origin of glTF is the upper left corner.
             Some(uvs) => uvs.into_f32().map(|[u, v]| [u, 1.0 - v]).collect(),
             None => Vec::new(),
@@ -196,6 +209,11 @@ impl Reader {
         };
         let size = accessor.size();
         let stride = view.stride().unwrap_or(size);
+        if stride < size {
+            return Err(format!(
+                "accessor {index} has elements of {size} bytes every {stride} bytes"
+            ));
+        }
         let end = (accessor.count().checked_sub(1))
             .and_then(|last| last.checked_mul(stride))
             .and_then(|last| last.checked_add(accessor.offset()))

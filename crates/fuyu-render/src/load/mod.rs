@@ -6,7 +6,10 @@ mod gltf_file;
 mod obj;
 mod stl;
 
-use std::sync::Arc;
+use std::{
+    panic::{AssertUnwindSafe, catch_unwind},
+    sync::Arc,
+};
 
 use image::io::{Limits, Reader};
 
@@ -25,7 +28,8 @@ pub type Resolve<'a> = dyn FnMut(&str) -> Result<Vec<u8>, String> + 'a;
 /// A line, without the name, that says why the file cannot be used. Textures that cannot be read are an error, too.
 pub fn load(name: &str, bytes: &[u8], resolve: &mut Resolve) -> Result<MeshData, String> {
     let ending = name.rsplit('.').next().unwrap_or_default().to_lowercase();
-    match ending.as_str() {
+    // The readers of some formats panic on invalid files.
+    let read = AssertUnwindSafe(|| match ending.as_str() {
         "stl" => stl::read(bytes),
         "obj" => obj::read(bytes, resolve),
         "dae" => collada::read(bytes, resolve),
@@ -33,7 +37,8 @@ pub fn load(name: &str, bytes: &[u8], resolve: &mut Resolve) -> Result<MeshData,
         _ => {
             Err("is no mesh that can be read: expected .stl, .obj, .dae, .gltf or .glb".to_owned())
         }
-    }
+    });
+    catch_unwind(read).unwrap_or_else(|_| Err("cannot be read: the file is malformed".to_owned()))
 }
 
 /// Most columns or rows of a texture.

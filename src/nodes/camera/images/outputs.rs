@@ -191,7 +191,7 @@ pub fn messages(
         Some(CompressedImage {
             header: header.clone(),
             // As image_transport writes it.
-            format: format!("{encoding}; {format} compressed {}", bgr(encoding)),
+            format: format!("{encoding}; {format} compressed {}", decoded(encoding)),
             data: bytes.ok()?,
         })
     });
@@ -232,9 +232,10 @@ pub fn messages(
     messages
 }
 
-/// Order of the channels in the compressed bytes, in the words of `compressed_image_transport`.
-fn bgr(encoding: &str) -> &'static str {
-    if encoding == "mono8" { "mono8" } else { "rgb8" }
+/// The encoding that a reader has after decoding, in the words of `compressed_image_transport`: OpenCV decodes colours as
+/// blue, green, red, and converts them only if this says so.
+fn decoded(encoding: &str) -> &'static str {
+    if encoding == "mono8" { "mono8" } else { "bgr8" }
 }
 
 #[cfg(test)]

@@ -88,7 +88,7 @@ impl Shape {
         let folder = file.rsplit_once('/').map_or("", |(folder, _)| folder);
         let mut beside = |name: &str| match folder.is_empty() || name.starts_with('/') {
             true => read(name),
-            false => read(&format!("{folder}/{name}")),
+            false => read(&below(folder, name)),
         };
         let mut data = load::load(file, &read(file)?, &mut beside).map_err(at)?;
         if is_painted {
@@ -113,6 +113,21 @@ impl Shape {
 fn read(name: &str) -> Result<Vec<u8>, String> {
     let name = name.strip_prefix("file://").unwrap_or(name);
     resource::resolve(name)?.bytes(LARGEST_FILE)
+}
+
+/// The file that is called `name` in `folder`, as a name without `..`, which names of packages must not have.
+fn below(folder: &str, name: &str) -> String {
+    let mut parts: Vec<&str> = folder.split('/').collect();
+    for part in name.split('/') {
+        match part {
+            "" | "." => {}
+            ".." if parts.last().is_some_and(|last| !matches!(*last, "" | "..")) => {
+                parts.pop();
+            }
+            part => parts.push(part),
+        }
+    }
+    parts.join("/")
 }
 
 #[cfg(test)]
@@ -163,5 +178,17 @@ mod tests {
         );
         assert_eq!(shape.parts[0].mesh.data().positions[1], [2.0, 0.0, 0.0]);
         assert!(shape.notes[0].contains("not closed"));
+    }
+
+    // Fails if textures next to the folder of meshes, as most packages have them, are refused as names with `..`.
+    #[test]
+    fn files_next_to_the_folder_have_plain_names() {
+        let folder = "package://robot/meshes/arm";
+        assert_eq!(below(folder, "a.png"), "package://robot/meshes/arm/a.png");
+        let beside = below(folder, "../../textures/./a.png");
+        assert_eq!(beside, "package://robot/textures/a.png");
+        assert_eq!(below("meshes", "../../a.png"), "../a.png");
+        // What is outside of the package stays recognizable, and is refused.
+        assert!(below("package://robot/meshes", "../../../a.png").contains(".."));
     }
 }

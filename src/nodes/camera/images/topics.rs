@@ -277,11 +277,14 @@ impl ImageTopics {
         of_targets: &[(Odometry, Option<JointState>)],
         exposure: DueExposure,
     ) -> Result<Option<Shot>, String> {
+        if exposure.first_of_run {
+            // Also without a robot: the stream has forgotten the images that wait.
+            self.thread.clear();
+        }
         let Some(stage) = &mut self.stage else {
             return Ok(None);
         };
         if exposure.first_of_run {
-            self.thread.clear();
             stage.restart();
         }
         if exposure.lost {
