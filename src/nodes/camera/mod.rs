@@ -32,7 +32,7 @@ use crate::{
     spatial::Pose,
     vision::{Pinhole, PoseCamera, PoseFrame},
 };
-use images::{ImageParams, ImageTopics};
+use images::ImageTopics;
 use second_arm::SecondArm;
 use target::TargetTopics;
 
