@@ -85,6 +85,49 @@ fn a_journal_with_a_line_that_was_cut_off_continues() {
     assert!(!journal.exists());
 }
 
+// A process with fewer runs completes its table while another one adds rows beyond it: these must not go with the journal.
+#[test]
+fn rows_of_a_process_with_more_runs_stay() {
+    let sized = |runs| {
+        let small = campaign(300, 0.02, "").unwrap();
+        Campaign::new(
+            small.path.clone(),
+            small.text.clone(),
+            small.scenario.path().to_owned(),
+            small.scenario_text.clone(),
+            Some(runs),
+        )
+        .unwrap()
+    };
+    let (few, many) = (sized(300), sized(500));
+    let row = |run| many.lost(run, Verdict::Timeout, "late".to_owned(), 1.0);
+    for is_removed in [false, true] {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("out");
+        let datasets = [&few, &many].map(|campaign| Dataset::create(campaign, &out).unwrap());
+        let [less, more] = datasets.each_ref();
+        let mut long = range::RangeWriter::new(more, 256..=499).unwrap();
+        (300..=400).for_each(|run| long.add(&row(run)).unwrap());
+        let mut short = range::RangeWriter::new(less, 256..=299).unwrap();
+        (256..=299).for_each(|run| short.add(&row(run)).unwrap());
+        assert_eq!(more.rows().unwrap().len(), 44 + 101);
+        drop(short);
+        let journal = out.join("journal/part-000001.256-499.jsonl");
+        assert!(journal.exists());
+        // As if the other process had looked at it just before a row was added.
+        if is_removed {
+            fs::remove_file(&journal).unwrap();
+        }
+        (401..=499).for_each(|run| long.add(&row(run)).unwrap());
+        (256..=299).for_each(|run| long.add(&row(run)).unwrap());
+        assert_eq!(more.rows().unwrap().len(), 244);
+        assert!(!journal.exists());
+        // The first one again changes nothing.
+        range::RangeWriter::new(less, 256..=299).unwrap();
+        assert_eq!(more.rows().unwrap().len(), 244);
+    }
+}
+
 #[test]
 fn a_campaign_can_grow_and_a_latin_hypercube_cannot() {
     let folder = tempfile::tempdir().unwrap();
