@@ -132,12 +132,17 @@ def test_ctrl_c_ends_a_campaign_during_its_runs(tmp_path):
         cwd=tmp_path,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
-    while process.poll() is None and not any((tmp_path / "cut" / "journal").glob("*")):
-        time.sleep(0.05)
-    # Until its workers compute.
-    time.sleep(2)
-    process.send_signal(signal.SIGINT)
-    assert "KeyboardInterrupt" in process.communicate(timeout=30)[1]
+    try:
+        while process.poll() is None and not any((tmp_path / "cut" / "journal").glob("*")):
+            time.sleep(0.05)
+        # Until its workers compute.
+        time.sleep(2)
+        process.send_signal(signal.SIGINT)
+        assert "KeyboardInterrupt" in process.communicate(timeout=30)[1]
+    finally:
+        # Its workers end with it.
+        process.kill()
+        process.wait()
     assert fuyu.Campaign(tmp_path / "long.yaml").summary(tmp_path / "cut")["completed"] == 0
 
 
