@@ -98,7 +98,7 @@ class Campaign:
         By default `jobs` processes of this machine compute, as many as it has processors. With an `executor`, such as those of
         `concurrent.futures`, Dask (`client.get_executor()`), mpi4py or Parsl, tasks of `chunk` runs are submitted to it; its workers
         must see the folder and the campaign's file under the same paths. `progress(done, total)` is called now and then.
-        After an exception, Ctrl-C or a kill, the same call continues.
+        After an exception, Ctrl-C or a kill, the same call continues. `RunError` is raised if a process cannot start.
         """
         folder = os.path.abspath(folder)
         if executor is None:

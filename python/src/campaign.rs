@@ -112,8 +112,8 @@ impl CampaignFile {
             .map_err(error)
     }
 
-    /// Computes the runs `first` to `last` in processes of `command`, and returns how many of them are done. Ends early when a signal is
-    /// pending or `progress(done, total)` raises, with that exception.
+    /// Computes the runs `first` to `last` in processes of `command`, and returns how many of them are done. Ends early, also during
+    /// runs, when a signal is pending or `progress(done, total)`, which is called after each run, raises, with that exception.
     #[pyo3(signature = (folder, first, last, *, jobs, command, progress = None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn run_range(
@@ -132,17 +132,18 @@ impl CampaignFile {
             jobs,
             workers: Workers::Processes(command),
         };
-        let mut raised = None;
+        let (mut raised, mut told) = (None, None);
         let reached = py.detach(|| {
             let report = |now: Progress| {
-                let told = Python::attach(|py| {
+                let is_new = told.replace(now) != Some(now);
+                let called = Python::attach(|py| {
                     py.check_signals()?;
                     match &progress {
-                        Some(call) => call.call1(py, (now.done, now.total)).map(|_| ()),
-                        None => Ok(()),
+                        Some(call) if is_new => call.call1(py, (now.done, now.total)).map(|_| ()),
+                        _ => Ok(()),
                     }
                 });
-                match told {
+                match called {
                     Ok(()) => ControlFlow::Continue(()),
                     Err(e) => {
                         raised = Some(e);
@@ -152,7 +153,8 @@ impl CampaignFile {
             };
             campaign::run_range(&self.campaign, &dataset, first..=last, &options, report)
         });
-        match raised {
+        // Ctrl-C also ends processes that are just starting, which is not what went wrong.
+        match raised.or_else(|| py.check_signals().err()) {
             Some(e) => Err(e),
             None => Ok(reached.map_err(error)?.done),
         }

@@ -121,6 +121,41 @@ def test_ctrl_c_ends_a_campaign(file, tmp_path):
     assert set(name for name, count in summary["verdicts"].items() if count) <= {"success"}
 
 
+# One run takes minutes: nobody waits for it.
+def test_ctrl_c_ends_a_campaign_during_its_runs(tmp_path):
+    (tmp_path / "long.yaml").write_text(CAMPAIGN.replace("duration: 0.5", "duration: 1.0e+6"))
+    program = "import fuyu; fuyu.Campaign('long.yaml').run('cut', jobs=2)"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program],
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    try:
+        while process.poll() is None and not any((tmp_path / "cut" / "journal").glob("*")):
+            time.sleep(0.05)
+        # Until its workers compute.
+        time.sleep(2)
+        process.send_signal(signal.SIGINT)
+        assert "KeyboardInterrupt" in process.communicate(timeout=30)[1]
+    finally:
+        # Its workers end with it.
+        process.kill()
+        process.wait()
+    assert fuyu.Campaign(tmp_path / "long.yaml").summary(tmp_path / "cut")["completed"] == 0
+
+
+def test_a_process_that_cannot_start_ends_the_campaign(file, tmp_path, monkeypatch):
+    campaign = fuyu.Campaign(file)
+    with monkeypatch.context() as patch:
+        patch.setattr("fuyu.campaign._WORKER", [sys.executable, "-m", "fuyu.no_such_module"])
+        with pytest.raises(fuyu.RunError, match="ended before it was ready: exit status: 1"):
+            campaign.run(tmp_path / "out")
+    assert campaign.summary(tmp_path / "out")["completed"] == 0
+    assert campaign.run(tmp_path / "out")["completed"] == 40
+
+
 def test_wrong_campaigns_are_refused(file, tmp_path):
     campaign = fuyu.Campaign(file)
     (tmp_path / "full").mkdir()

@@ -136,6 +136,41 @@ def test_robots_differ_in_mass():
     assert [rows for rows, _ in envs.task.batches] == [slice(0, 3), slice(3, 6), slice(6, 9)]
 
 
+# With the centre of mass of another robot the base would be elsewhere, by centimetres.
+@pytest.mark.parametrize("spin", [0.0, 0.01])
+def test_the_base_begins_at_the_origin_whatever_the_masses(spin):
+    masses = {"mass_scale": {"uniform": {"min": 0.5, "max": 2.0}}, "robots": 3, "base_angular_velocity": spin}
+    envs = fuyu.gym.ReachVectorEnv(9, randomization=masses)
+
+    def positions():
+        return [batch.state(k).base_position for rows, batch in envs.task.batches for k in range(rows.stop - rows.start)]
+
+    # Of robots that have not begun yet as well.
+    envs.reset(seed=1, options={"reset_mask": np.arange(9) % 2 == 0})
+    assert np.abs(positions()).max() < 1e-12
+    envs.reset()
+    assert np.abs(positions()).max() < 1e-12
+
+
+# A mask resets some environments only: the others keep robot and motion, also with a seed.
+def test_a_mask_leaves_other_robots_alone():
+    envs = fuyu.gym.ReachVectorEnv(4, randomization={"mass_scale": {"uniform": {"min": 0.5, "max": 2.0}}, "robots": 4})
+    envs.reset(seed=1)
+    envs.step(np.ones((4, 6)))
+    mask = np.array([False, True, False, True])
+    masses, before = [batch.model.mass for _, batch in envs.task.batches], envs.task.data.copy()
+    envs.reset(seed=2, options={"reset_mask": mask})
+    assert [batch.model.mass for _, batch in envs.task.batches] == masses
+    assert np.array_equal(envs.task.data[~mask], before[~mask]) and (envs.task.steps == [1, 0, 1, 0]).all()
+    assert not np.array_equal(envs.task.data[mask], before[mask])
+    # None and all are the same.
+    first, _ = envs.reset(seed=3)
+    again, _ = envs.reset(seed=3, options={"reset_mask": np.ones(4, dtype=bool)})
+    assert np.array_equal(first, again) and [batch.model.mass for _, batch in envs.task.batches] != masses
+    seen, _ = envs.reset(options={"reset_mask": np.zeros(4, dtype=bool)})
+    assert np.array_equal(seen, again)
+
+
 def test_wrong_settings_and_actions_are_refused():
     env = fuyu.gym.ReachEnv()
     env.reset(seed=0)
@@ -154,11 +189,15 @@ def test_wrong_settings_and_actions_are_refused():
         (lambda: posture({"normal": {"sigma": -1}}), "a standard deviation is not negative"),
         (lambda: posture({"normal": {"sigma": np.nan}}), "sigma is nan; it must be finite"),
         (lambda: posture({"truncated_normal": {"sigma": 1, "min": 90, "max": 91}}), "hardly any sample"),
+        (lambda: posture({"truncated_normal": {"sigma": 1}}), "neither min nor max; give one of them"),
+        (lambda: posture({"truncated_normal": {"sigma": 1, "max": np.inf}}), "max is inf; it must be finite"),
         (lambda: posture("wide"), "posture is 'wide'; it must be a number"),
         (lambda: fuyu.gym.ReachEnv(randomization={"mass_scale": -1.0}).reset(), "it must be positive"),
         (lambda: env.step(np.zeros(5)), r"`action` has the shape \(5,\); it must be \(6,\)"),
         (lambda: env.step(np.full(6, np.nan)), "not finite"),
         (lambda: envs.step(np.zeros((2, 6))), r"it must be \(3, 6\)"),
+        (lambda: envs.reset(options={"reset_mask": np.ones(4, dtype=bool)}), r"has the shape \(4,\).*it must be \(3,\), bool"),
+        (lambda: envs.reset(options={"reset_mask": [0, 1, 1]}), "the type int64; it must be"),
     ]:
         with pytest.raises(fuyu.InputError, match=text):
             call()
@@ -175,6 +214,10 @@ def test_dispersions_have_their_moments():
     cut = draw({"truncated_normal": {"sigma": 1.0, "min": -1.0, "max": 1.0}})
     # Variance of a normal distribution cut at one deviation.
     assert abs(cut).max() <= 1 and cut.std() == pytest.approx(0.5396, abs=0.02)
+    # Half of a normal distribution.
+    half = draw({"truncated_normal": {"sigma": 1.0, "min": 0.0}})
+    assert half.min() >= 0 and half.mean() == pytest.approx(np.sqrt(2 / np.pi), abs=0.02)
+    assert draw({"truncated_normal": {"sigma": 1.0, "max": 0.0}}).max() <= 0
     log = draw({"log_normal": {"median": 3.0, "sigma": 0.2}})
     assert np.median(log) == pytest.approx(3.0, abs=0.03) and np.log(log).std() == pytest.approx(0.2, abs=0.01)
     assert set(draw({"choice": [1, 4]})) == {1.0, 4.0} and (draw(7.0) == 7.0).all()

@@ -16,7 +16,7 @@ Dispersion = float | Mapping[str, Any]
 _KINDS: dict[str, dict[str, float | None]] = {
     "uniform": {"min": None, "max": None},
     "normal": {"mean": 0.0, "sigma": None},
-    "truncated_normal": {"mean": 0.0, "sigma": None, "min": None, "max": None},
+    "truncated_normal": {"mean": 0.0, "sigma": None, "min": -np.inf, "max": np.inf},
     "log_normal": {"median": 1.0, "sigma": None},
 }
 
@@ -26,7 +26,7 @@ def disperse(name: str, dispersion: Dispersion, random: np.random.Generator, sha
 
     A number is that number. Mappings: `{"uniform": {"min": a, "max": b}}`, `{"normal": {"mean": m, "sigma": s}}`,
     `{"truncated_normal": {"mean": m, "sigma": s, "min": a, "max": b}}`, `{"log_normal": {"median": m, "sigma": s}}` (sigma is that
-    of the logarithm), `{"choice": [value, ...]}`. The mean is 0 and the median 1 by default.
+    of the logarithm), `{"choice": [value, ...]}`. The mean is 0 and the median 1 by default; `truncated_normal` may lack one end.
     """
     if not isinstance(dispersion, Mapping):
         return np.full(shape, _number(name, dispersion))
@@ -43,12 +43,16 @@ def disperse(name: str, dispersion: Dispersion, random: np.random.Generator, sha
     wanted = _KINDS[kind]
     if not isinstance(given, Mapping) or not set(given) <= set(wanted):
         raise InputError(f"{name}: {kind} is {given!r}; it has {', '.join(wanted)}")
+    if kind == "truncated_normal" and not {"min", "max"} & set(given):
+        raise InputError(f"{name}: truncated_normal has neither min nor max; give one of them, or use normal")
     values = {}
     for key, default in wanted.items():
-        value = given.get(key, default)
-        if value is None:
+        if key in given:
+            values[key] = _number(f"{name}: {kind}: {key}", given[key])
+        elif default is not None:
+            values[key] = default
+        else:
             raise InputError(f"{name}: {kind} has no {key}; it has {', '.join(wanted)}")
-        values[key] = _number(f"{name}: {kind}: {key}", value)
     low, high = values.get("min", 0.0), values.get("max", 1.0)
     if not low < high:
         raise InputError(f"{name}: min is {low} and max is {high}; min must be below max")

@@ -29,6 +29,17 @@ def _actions(given: Any, shape: tuple[int, int]) -> np.ndarray:
     return actions
 
 
+def _reset(options: dict[str, Any] | None, count: int) -> np.ndarray:
+    """Indices of the environments that `options` resets: those of `reset_mask`, or all."""
+    given = (options or {}).get("reset_mask")
+    if given is None:
+        return np.arange(count)
+    mask = np.asarray(given)
+    if mask.shape != (count,) or mask.dtype != bool:
+        raise InputError(f"`reset_mask` has the shape {mask.shape} and the type {mask.dtype}; it must be ({count},), bool")
+    return np.flatnonzero(mask)
+
+
 class _OneEnv(gymnasium.Env):
     metadata: dict[str, Any] = {"render_modes": [], "render_fps": 1 / (TIME_STEP * SUBSTEPS)}
     task_type: type[Task]
@@ -82,11 +93,11 @@ class _ManyEnvs(VectorEnv):
         if isinstance(seed, (list, tuple)):
             given = [s for s in seed if s is not None]
             seed = int(np.random.SeedSequence(given).generate_state(1)[0]) if given else None
+        which = _reset(options, self.num_envs)
         super().reset(seed=seed)
-        if seed is not None:
+        # The same seed gives the same robots as well. Those that are not reset stay as they are.
+        if seed is not None and len(which) == self.num_envs:
             self.task.batches = []
-        mask = (options or {}).get("reset_mask")
-        which = np.arange(self.num_envs) if mask is None else np.flatnonzero(mask)
         self.task.reset(which, self.np_random)
         self._over[which] = False
         return self.task.observe(self.np_random), self._infos()

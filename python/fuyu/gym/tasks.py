@@ -146,6 +146,7 @@ class Task:
         for start, end in zip(ends[:-1], ends[1:]):
             model = scaled(self.model, "mass_scale", scale, random)
             rows = slice(int(start), int(end))
+            self.data[rows] = State(model, self.posture).to_row()
             self.batches.append((rows, Batch(model, data=self.data[rows], method="rk4")))
 
     def reset(self, which: np.ndarray, random: np.random.Generator) -> None:
@@ -164,7 +165,10 @@ class Task:
         columns = self.columns
         rows[:, columns["q"]] = q
         rows[:, columns["attitude"].stop - 1] = 1.0
-        rows[:, columns["com"]] = self.model.center_of_mass(q)
+        for batch_rows, batch in self.batches:
+            own = (batch_rows.start <= which) & (which < batch_rows.stop)
+            # With this centre of mass the base is at the origin.
+            rows[own, columns["com"]] = batch.model.center_of_mass(q[own])
         self.data[which] = rows
         if spin.any():
             for index, joints, w in zip(which, q, spin):

@@ -207,6 +207,9 @@ impl Reporter {
             }
             return;
         };
+        if done == before {
+            return;
+        }
         let elapsed = self.start.elapsed().as_secs_f64();
         let rate = (done - before) as f64 / elapsed;
         let remaining = duration_text((total - done) as f64 / rate);

@@ -6,13 +6,14 @@
 //! results/part-000012.parquet      a row per run: inputs, results, verdict
 //! wall_time/part-000012.parquet    wall time of each run
 //! journal/part-000012.0-9999.jsonl rows of a table that is not complete, as the process for runs 0 to 9999 adds them
+//! journal/*.lock                   locks of ranges, and of the tables
 //! series/, bags/                   what else is kept
 //! ```
 //! The same campaign gives the same bytes in `results`, in whatever order, by however many processes, and how often it was
 //! killed.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs::{self, File},
     io::Read,
     ops::RangeInclusive,
@@ -387,16 +388,20 @@ impl Dataset {
         }
     }
 
-    /// Makes the table of a chunk of its journals, if all of its runs are there. Whether they are.
-    pub(super) fn complete(&self, chunk: u64) -> Result<bool, CampaignError> {
-        let runs = self.runs_of(chunk);
-        let expected = runs.end() - runs.start() + 1;
+    /// Makes the table of a chunk of its journals, if all of its runs are there. Returns those that are there.
+    pub(super) fn complete(&self, chunk: u64) -> Result<BTreeSet<u64>, CampaignError> {
+        // A process that knows more runs must not write its table between reading and writing here. Not every file system has
+        // locks.
+        let lock = File::create(self.folder.join("journal").join("tables.lock"));
+        let _lock = lock.and_then(|file| file.lock().map(|()| file));
+        let all_are_in =
+            |rows: &BTreeMap<u64, Row>| self.runs_of(chunk).all(|run| rows.contains_key(&run));
         let journals = self.journals(chunk);
-        let finished = self.table_rows(chunk)?.len() as u64 == expected;
-        if !finished {
-            let rows = self.rows_of(chunk)?;
-            if (rows.len() as u64) < expected {
-                return Ok(false);
+        let mut rows = self.table_rows(chunk)?;
+        if !all_are_in(&rows) {
+            rows = self.rows_of(chunk)?;
+            if !all_are_in(&rows) {
+                return Ok(rows.into_keys().collect());
             }
             let times = rows
                 .values()
@@ -417,15 +422,15 @@ impl Dataset {
                 &times.collect::<Vec<_>>(),
             )
             .map_err(CampaignError::Runtime)?;
-            let cells = rows.into_values().map(|row| {
+            let cells = rows.values().map(|row| {
                 let mut cells = vec![
                     Cell::Integer(row.run as i64),
                     Cell::Integer(row.seed as i64),
                     Cell::Text(row.verdict.name().to_owned()),
-                    row.reason.map_or(Cell::Null, Cell::Text),
+                    row.reason.clone().map_or(Cell::Null, Cell::Text),
                 ];
-                cells.extend(row.parameters);
-                cells.extend(row.results);
+                cells.extend(row.parameters.iter().cloned());
+                cells.extend(row.results.iter().cloned());
                 cells.push(Cell::Text(self.manifest.version.clone()));
                 cells
             });
@@ -437,10 +442,14 @@ impl Dataset {
             .map_err(CampaignError::Runtime)?;
         }
         for journal in journals {
-            // Another process may have removed it.
-            let _ = fs::remove_file(journal);
+            // One of a process that knows more runs may have others.
+            let (journaled, _) = read_journal(&journal)?;
+            if journaled.iter().all(|row| rows.contains_key(&row.run)) {
+                // Another process may have removed it.
+                let _ = fs::remove_file(journal);
+            }
         }
-        Ok(true)
+        Ok(rows.into_keys().collect())
     }
 }
 

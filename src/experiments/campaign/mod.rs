@@ -20,6 +20,7 @@ mod summary;
 mod table;
 mod target;
 mod values;
+mod worker;
 
 use std::path::{Path, PathBuf};
 
@@ -42,11 +43,12 @@ use parameters::{Changes, Parameters, Place, cell, column_kind};
 use values::{fit, put_whole};
 
 pub use dataset::{Dataset, Manifest};
-pub use engine::{Progress, RangeOptions, Workers, run_range, serve_worker};
+pub use engine::{Progress, RangeOptions, Workers, run_range};
 pub use plots::plot;
 pub use results::Criterion;
 pub use row::{Cell, Column, ColumnKind, Row, Verdict};
 pub use summary::{Quantiles, Sensitivity, Summary, WorstRun};
+pub use worker::serve_worker;
 
 /// Why a campaign cannot be read, run or evaluated: one line per problem.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

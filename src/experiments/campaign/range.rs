@@ -3,12 +3,12 @@
 use std::{
     collections::BTreeMap,
     fs::{self, File, OpenOptions},
-    io::{Seek, SeekFrom, Write},
+    io::{Read, Seek, SeekFrom, Write},
     ops::RangeInclusive,
-    path::Path,
+    path::{Path, PathBuf},
 };
 
-use super::{CampaignError, Dataset, dataset::read_journal, row::Row};
+use super::{CampaignError, Dataset, dataset::read_journal, row::Row, table};
 
 /// Adds the rows of a range of runs to a dataset.
 pub(super) struct RangeWriter<'a> {
@@ -76,12 +76,7 @@ impl<'a> RangeWriter<'a> {
     /// Adds a row.
     pub fn add(&mut self, row: &Row) -> Result<(), CampaignError> {
         let chunk = row.run / self.dataset.manifest().chunk;
-        let name = format!(
-            "part-{chunk:06}.{}-{}.jsonl",
-            self.range.start(),
-            self.range.end()
-        );
-        let path = self.dataset.folder().join("journal").join(name);
+        let path = self.journal_path(chunk);
         let at = |e: std::io::Error| {
             CampaignError::Runtime(format!("{}: cannot be written: {e}", path.display()))
         };
@@ -97,6 +92,7 @@ impl<'a> RangeWriter<'a> {
                 let options = OpenOptions::new()
                     .create(true)
                     .truncate(false)
+                    .read(true)
                     .write(true)
                     .open(&path);
                 let mut file = options.map_err(at)?;
@@ -108,10 +104,51 @@ impl<'a> RangeWriter<'a> {
         };
         file.write_all(&line).map_err(at)?;
         *missing -= 1;
-        if *missing == 0 {
-            self.open.remove(&chunk);
-            self.dataset.complete(chunk)?;
+        if *missing == 0
+            && let Some((Some(journal), _)) = self.open.remove(&chunk)
+        {
+            self.close(chunk, journal)?;
         }
         Ok(())
+    }
+
+    /// Completes a chunk of which no run of the range is missing any more.
+    fn close(&self, chunk: u64, mut journal: File) -> Result<(), CampaignError> {
+        if self.complete(chunk)? == 0 {
+            return Ok(());
+        }
+        // A process that knows fewer runs has completed its table and removed the journal, while a row was being added.
+        let path = self.journal_path(chunk);
+        let mut text = Vec::new();
+        let read = journal
+            .rewind()
+            .and_then(|()| journal.read_to_end(&mut text));
+        read.map_err(|e| {
+            CampaignError::Runtime(format!("{}: cannot be read: {e}", path.display()))
+        })?;
+        table::replace(&path, &text).map_err(CampaignError::Runtime)?;
+        match self.complete(chunk)? {
+            0 => Ok(()),
+            lost => Err(CampaignError::Runtime(format!(
+                "{}: {lost} rows are gone, since something has removed journals; the same command computes them again",
+                path.display()
+            ))),
+        }
+    }
+
+    /// Completes a chunk, if all of its rows are there; how many runs of the range are not.
+    fn complete(&self, chunk: u64) -> Result<usize, CampaignError> {
+        let there = self.dataset.complete(chunk)?;
+        let mut own = self.dataset.runs_of(chunk);
+        let (first, last) = (*self.range.start(), *self.range.end());
+        own = *own.start().max(&first)..=*own.end().min(&last);
+        Ok(own.filter(|run| !there.contains(run)).count())
+    }
+
+    /// Where the rows of a chunk are until it is complete.
+    fn journal_path(&self, chunk: u64) -> PathBuf {
+        let (first, last) = (self.range.start(), self.range.end());
+        let name = format!("part-{chunk:06}.{first}-{last}.jsonl");
+        self.dataset.folder().join("journal").join(name)
     }
 }

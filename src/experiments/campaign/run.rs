@@ -56,10 +56,11 @@ impl Campaign {
     }
 
     /// Simulates several runs at the same time in this thread, whose plants are stepped in SIMD lanes where they can
-    /// be: the same rows as those of [`Campaign::run_one`], sooner. The wall time of a run is its share.
+    /// be: the same rows as those of [`Campaign::run_one`], sooner, in the order of `runs`. `add` gets each row as soon as it is
+    /// there. The wall time of a run is its share.
     ///
     /// # Errors
-    /// As [`Campaign::run_one`].
+    /// As [`Campaign::run_one`], and those of `add`, after which no further run starts.
     ///
     /// # Panics
     /// If there is no such run.
@@ -67,7 +68,8 @@ impl Campaign {
         &self,
         runs: &[u64],
         folder: Option<&Path>,
-    ) -> Result<Vec<Row>, CampaignError> {
+        mut add: impl FnMut(Row) -> Result<(), CampaignError>,
+    ) -> Result<(), CampaignError> {
         let start = Instant::now();
         // Bags and time series are written run by run; their memory is that of one run.
         let outcomes = match runs.len() < 2 || self.runs_alone() {
@@ -79,14 +81,23 @@ impl Campaign {
                 .flatten(),
         };
         let Some(outcomes) = outcomes else {
-            return runs.iter().map(|run| self.run_one(*run, folder)).collect();
+            let mut rows = runs.iter().map(|run| self.run_one(*run, folder));
+            return rows.try_for_each(|row| add(row?));
         };
         let share = start.elapsed() / runs.len() as u32;
-        let rows = runs.iter().zip(outcomes).map(|(run, (scenario, outcome))| {
+        let mut ended = runs.iter().zip(outcomes);
+        ended.try_for_each(|(run, (scenario, outcome))| {
             let start = Instant::now().checked_sub(share).unwrap_or(start);
-            self.row_of(*run, &scenario, outcome, folder, start)
-        });
-        rows.collect()
+            add(self.row_of(*run, &scenario, outcome, folder, start)?)
+        })
+    }
+
+    /// How often a run is simulated at most: once more for its bag, if it fails and only bags of such runs are kept.
+    pub(super) fn attempts(&self) -> u32 {
+        match self.file.keep.bags {
+            Bags::Failed => 2,
+            Bags::None | Bags::All => 1,
+        }
     }
 
     /// Whether each run is computed by itself, because it writes a bag or a time series.
@@ -128,10 +139,11 @@ impl Campaign {
             }
             Outcome::Unwritten(e) => return Err(CampaignError::Runtime(e)),
         }
+        let wall_time = start.elapsed().as_secs_f64();
         let wanted = self.file.keep.bags == Bags::Failed
             && !matches!(verdict, Verdict::Success | Verdict::Timeout);
         if let Some(folder) = folder.filter(|_| wanted) {
-            // The same once more, with a bag.
+            // The same once more, with a bag, which is not part of its wall time.
             if let Outcome::Unwritten(e) = self.attempt(run, scenario, None, Some(folder)) {
                 return Err(CampaignError::Runtime(e));
             }
@@ -143,7 +155,7 @@ impl Campaign {
             reason,
             parameters,
             results,
-            wall_time: start.elapsed().as_secs_f64(),
+            wall_time,
         })
     }
 

@@ -1,9 +1,11 @@
 //! Drawn parameters, rows and datasets of small campaigns.
 
+mod datasets;
+mod processes;
+
 use std::{
     fs,
     ops::ControlFlow::{Break, Continue},
-    os::unix::fs::PermissionsExt,
     path::PathBuf,
 };
 
@@ -352,6 +354,16 @@ fn a_run_beyond_its_time_is_a_row() {
     );
 }
 
+fn together(campaign: &Campaign, runs: &[u64]) -> Vec<Row> {
+    let mut rows = Vec::new();
+    let computed = campaign.run_together(runs, None, |row| {
+        rows.push(row);
+        Ok(())
+    });
+    computed.unwrap();
+    rows
+}
+
 // Neighbours in the lanes, or how they end, must not change a run.
 #[test]
 fn runs_together_are_those_alone() {
@@ -365,7 +377,7 @@ fn runs_together_are_those_alone() {
         row.wall_time = 0.0;
         row
     };
-    let together = campaign.run_together(&runs, None).unwrap();
+    let together = together(&campaign, &runs);
     let together: Vec<_> = together.into_iter().map(without_time).collect();
     let alone = runs.iter().map(|run| campaign.run_one(*run, None).unwrap());
     let alone: Vec<_> = alone.map(without_time).collect();
@@ -386,7 +398,7 @@ fn kept_figures_of_runs_together_are_those_alone() {
         "keep: {results: [tip_attitude_error]}\nsuccess: ['energy_residual < 1.0']",
     ] {
         let campaign = campaign(2, 0.2, lines).unwrap();
-        let together = campaign.run_together(&[0, 1], None).unwrap();
+        let together = together(&campaign, &[0, 1]);
         for (row, run) in together.iter().zip([0, 1]) {
             let alone = campaign.run_one(run, None).unwrap();
             assert!(row.results.iter().all(|cell| cell.number().is_some()));
@@ -398,171 +410,8 @@ fn kept_figures_of_runs_together_are_those_alone() {
 #[test]
 fn runs_together_that_take_too_long_are_rows() {
     let campaign = campaign(2, 60.0, "time_limit: 1.0e-6").unwrap();
-    let rows = campaign.run_together(&[0, 1], None).unwrap();
+    let rows = together(&campaign, &[0, 1]);
     assert!(rows.iter().all(|row| row.verdict == Verdict::Timeout));
-}
-
-/// An executable that is no worker.
-fn worker(folder: &Path, script: &str) -> Workers {
-    let path = folder.join("worker.sh");
-    fs::write(&path, format!("#!/bin/sh\n{script}\n")).unwrap();
-    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
-    Workers::Processes(vec![path.into()])
-}
-
-#[test]
-fn a_range_may_be_ended_and_continued() {
-    let campaign = campaign(40, 0.1, DISPERSIONS).unwrap();
-    let folder = tempfile::tempdir().unwrap();
-    let dataset = Dataset::create(&campaign, &folder.path().join("out")).unwrap();
-    let until = |least: u64| {
-        let control = move |p: Progress| match p.done >= least {
-            true => Break(()),
-            false => Continue(()),
-        };
-        run_range(&campaign, &dataset, 0..=39, &options(2), control).unwrap()
-    };
-    assert_eq!(until(0), Progress { done: 0, total: 40 });
-    // Computed runs are kept: 4 that wait for being written, and 1 in each of the 2 threads.
-    let Progress { done, total: 40 } = until(5) else {
-        unreachable!("the range has 40 runs")
-    };
-    assert!((5..=11).contains(&done), "{done}");
-    assert_eq!(dataset.rows().unwrap().len() as u64, done);
-    assert_eq!(until(41).done, 40);
-    assert_eq!(dataset.rows().unwrap().len(), 40);
-}
-
-#[test]
-fn a_process_that_hangs_or_dies_is_a_row() {
-    for (script, verdict, reason) in [
-        (
-            "exec sleep 600",
-            Verdict::Timeout,
-            "exceeded the time limit of 0.1 s",
-        ),
-        ("read run; kill -11 $$", Verdict::Crash, "signal: 11"),
-        ("read run; exit 3", Verdict::Crash, "exit status: 3"),
-    ] {
-        let campaign = campaign(1, 1.0, "time_limit: 0.1").unwrap();
-        let folder = tempfile::tempdir().unwrap();
-        let dataset = Dataset::create(&campaign, &folder.path().join("out")).unwrap();
-        let options = RangeOptions {
-            jobs: 1,
-            workers: worker(folder.path(), script),
-        };
-        run_range(&campaign, &dataset, 0..=0, &options, |_| Continue(())).unwrap();
-        let rows = dataset.rows().unwrap();
-        assert_eq!(rows[0].verdict, verdict, "{rows:?}");
-        assert!(
-            rows[0].reason.as_deref().unwrap().contains(reason),
-            "{rows:?}"
-        );
-    }
-}
-
-/// The results of a folder, file by file.
-fn bytes(dataset: &Dataset) -> Vec<(String, Vec<u8>)> {
-    let files = fs::read_dir(dataset.folder().join("results")).unwrap();
-    let read = files.map(|file| {
-        let file = file.unwrap();
-        (
-            file.file_name().into_string().unwrap(),
-            fs::read(file.path()).unwrap(),
-        )
-    });
-    let mut all: Vec<_> = read.collect();
-    all.sort();
-    all
-}
-
-#[test]
-fn ranges_order_and_threads_do_not_change_the_dataset() {
-    let campaign = campaign(300, 0.02, DISPERSIONS).unwrap();
-    let folder = tempfile::tempdir().unwrap();
-    let dataset = |name: &str| Dataset::create(&campaign, &folder.path().join(name)).unwrap();
-    let whole = dataset("whole");
-    run_range(&campaign, &whole, 0..=299, &options(1), |_| Continue(())).unwrap();
-    // Ranges that do not end where tables do, computed at the same time in any order, one of them twice.
-    let parts = dataset("parts");
-    std::thread::scope(|scope| {
-        for range in [200..=299, 0..=99, 100..=199, 0..=99, 50..=260] {
-            let (campaign, parts) = (&campaign, &parts);
-            scope.spawn(move || {
-                run_range(campaign, parts, range, &options(2), |_| Continue(())).unwrap()
-            });
-        }
-    });
-    assert_eq!(bytes(&whole).len(), 2);
-    assert_eq!(bytes(&whole), bytes(&parts));
-    let rows = whole.rows().unwrap();
-    assert_eq!(
-        rows.iter().map(|row| row.run).collect::<Vec<_>>(),
-        (0..300).collect::<Vec<_>>()
-    );
-}
-
-#[test]
-fn a_journal_with_a_line_that_was_cut_off_continues() {
-    let campaign = campaign(8, 0.02, "").unwrap();
-    let folder = tempfile::tempdir().unwrap();
-    let dataset = |name: &str| Dataset::create(&campaign, &folder.path().join(name)).unwrap();
-    let whole = dataset("whole");
-    run_range(&campaign, &whole, 0..=7, &options(1), |_| Continue(())).unwrap();
-    let cut = dataset("cut");
-    run_range(&campaign, &cut, 0..=4, &options(1), |_| Continue(())).unwrap();
-    let journal = cut.folder().join("journal/part-000000.0-4.jsonl");
-    let text = fs::read(&journal).unwrap();
-    fs::write(&journal, &text[..text.len() - 7]).unwrap();
-    assert_eq!(cut.rows().unwrap().len(), 4);
-    run_range(&campaign, &cut, 0..=4, &options(1), |_| Continue(())).unwrap();
-    run_range(&campaign, &cut, 0..=7, &options(1), |_| Continue(())).unwrap();
-    assert_eq!(bytes(&whole), bytes(&cut));
-    assert!(!journal.exists());
-}
-
-#[test]
-fn a_campaign_can_grow_and_a_latin_hypercube_cannot() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out");
-    let grown = |runs, sampling: &str, out: &Path| {
-        let lines = format!(
-            "sampling: {sampling}\ndispersions: {{controller.k_p: {{uniform: {{min: 70.0, max: 80.0}}}}}}"
-        );
-        let small = campaign(10, 0.02, &lines).unwrap();
-        let scenario = (
-            small.scenario.path().to_owned(),
-            small.scenario_text.clone(),
-        );
-        let large = Campaign::new(
-            small.path.clone(),
-            small.text.clone(),
-            scenario.0,
-            scenario.1,
-            Some(runs),
-        );
-        let large = large.unwrap();
-        Dataset::create(&large, out).map(|dataset| (large, dataset))
-    };
-    for runs in [4, 10] {
-        let (campaign, dataset) = grown(runs, "random", &out).unwrap();
-        run_range(&campaign, &dataset, 0..=runs - 1, &options(1), |_| {
-            Continue(())
-        })
-        .unwrap();
-        assert_eq!(dataset.rows().unwrap().len() as u64, runs);
-    }
-    let fewer = grown(4, "random", &out).map(drop).unwrap_err().to_string();
-    assert!(fewer.contains("10 runs; give at least as many"), "{fewer}");
-    let other = grown(10, "sobol", &out).map(drop).unwrap_err().to_string();
-    assert!(other.contains("another text"), "{other}");
-    let cube = folder.path().join("cube");
-    grown(4, "latin_hypercube", &cube).unwrap();
-    let error = grown(10, "latin_hypercube", &cube)
-        .map(drop)
-        .unwrap_err()
-        .to_string();
-    assert!(error.contains("cannot grow"), "{error}");
 }
 
 #[test]
