@@ -116,6 +116,22 @@ describe("one run", () => {
     }
   });
 
+  test("a worn stick at rest commands nothing, a full deflection everything, an unknown gamepad nothing", async () => {
+    const axes = (values) => page.evaluate((v) => (setPad(v, []), cockpit.operator.input.read().axes.map((a) => a + 0)), values);
+    assert.deepEqual((await axes([0.06, -0.07, 0.03, 0])).map(Math.abs), [0, 0, 0, 0, 0, 0]);
+    const full = await axes([0, -1, 0, 0]);
+    assert.equal(full[0], 1);
+    const unknown = await page.evaluate(() => {
+      const [pad] = navigator.getGamepads();
+      pad.mapping = "";
+      const { axes, enabled } = (setPad([0, -1, 0, 0], [0]), cockpit.operator.input.read());
+      pad.mapping = "standard";
+      return { axes, enabled, named: cockpit.operator.input.unknownGamepad };
+    });
+    assert.deepEqual([unknown.axes.map(Math.abs), unknown.enabled, unknown.named], [[0, 0, 0, 0, 0, 0], false, "virtual gamepad"]);
+    await page.evaluate(([axes]) => setPad(axes, []), [REST]);
+  });
+
   test("a gamepad moves the tip while its button is pressed, and not without it", async () => {
     await takeControl(page);
     await page.evaluate(([axes]) => setPad(axes, []), [PUSH]);
