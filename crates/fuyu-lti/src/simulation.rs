@@ -132,7 +132,7 @@ impl SampledLoop {
             return Err(LtiError::Range {
                 what: "the limit of the command".into(),
                 value: self.limit,
-                expected: "zero or more".into(),
+                expected: "zero or more",
             });
         }
         let h = self.plant.sampling_time.unwrap_or(1.0);
