@@ -115,7 +115,7 @@ fn a_push_is_noticed_and_the_new_motion_found() {
         // Frames are lost before the estimator has discovered the publisher, and when they come too fast for it.
         let show = |peer: &mut Peer, frame: &Value| {
             publish(peer, frame);
-            std::thread::sleep(Duration::from_millis(5));
+            std::thread::sleep(Duration::from_millis(20));
         };
         for frame in &frames[..200] {
             show(&mut peer, frame);
