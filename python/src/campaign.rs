@@ -132,10 +132,10 @@ impl CampaignFile {
             jobs,
             workers: Workers::Processes(command),
         };
-        let (mut raised, mut told) = (None, None);
+        let (mut raised, mut reported) = (None, None);
         let reached = py.detach(|| {
             let report = |now: Progress| {
-                let is_new = told.replace(now) != Some(now);
+                let is_new = reported.replace(now) != Some(now);
                 let called = Python::attach(|py| {
                     py.check_signals()?;
                     match &progress {

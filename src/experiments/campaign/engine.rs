@@ -21,7 +21,7 @@ use super::{
     worker::{Answer, WorkerProcess},
 };
 
-/// Longest time without a call of `progress`, and until workers see that they shall stop.
+/// Longest time without a call of `progress`, and until workers notice a stop request.
 pub(super) const POLL_PERIOD: Duration = Duration::from_millis(200);
 
 /// How often a run is tried during which its process dies. The run need not be the cause: all processes may be being killed.
@@ -153,7 +153,7 @@ struct Worker<'a> {
     campaign: &'a Campaign,
     folder: &'a Path,
     workers: &'a Workers,
-    /// Whether it shall end.
+    /// Set by a stop request.
     stop: &'a AtomicBool,
     /// That waits for work.
     process: Option<WorkerProcess>,
@@ -169,7 +169,7 @@ impl Worker<'_> {
         }
     }
 
-    /// Computes runs and sends their rows, each as soon as it is there. Breaks if it shall end, or nobody receives them.
+    /// Computes runs and sends their rows, each as soon as it is there. Breaks on a stop request, or if nobody receives them.
     fn run_all(
         &mut self,
         runs: &[u64],
@@ -208,7 +208,7 @@ impl Worker<'_> {
         Ok(ControlFlow::Continue(()))
     }
 
-    /// The row of a run, or nothing if it shall end.
+    /// The row of a run; nothing on a stop request.
     fn run(&mut self, run: u64) -> Result<Option<Row>, CampaignError> {
         let campaign = self.campaign;
         if self.stop.load(Ordering::Relaxed) {
@@ -246,7 +246,7 @@ impl Worker<'_> {
         Ok(Some(campaign.lost(run, Verdict::Crash, reason, time)))
     }
 
-    /// The process that waits for work, or a new one; nothing if it shall end.
+    /// The process that waits for work, or a new one; nothing on a stop request.
     fn idle_or_new(
         &mut self,
         command: &[OsString],

@@ -38,7 +38,7 @@ pub(super) enum Answer {
     Late,
     /// The process ended, or wrote something else.
     Ended,
-    /// Whoever waits shall end.
+    /// A stop request came first.
     Stopped,
 }
 

@@ -1,6 +1,6 @@
 //! Runs in processes: what hangs, dies or does not start.
 
-use std::os::unix::fs::PermissionsExt;
+use std::{ops::ControlFlow, os::unix::fs::PermissionsExt};
 
 use super::*;
 
@@ -31,6 +31,24 @@ fn worker(folder: &Path, script: &str) -> Workers {
     Workers::Processes(vec![path.into()])
 }
 
+/// Computes all runs of a campaign in a new dataset below `folder`, with one process of a script. Returns the dataset, and how
+/// far it came.
+fn computed(
+    campaign: &Campaign,
+    folder: &Path,
+    script: &str,
+    progress: impl FnMut(Progress) -> ControlFlow<()>,
+) -> (Dataset, Result<Progress, CampaignError>) {
+    let dataset = Dataset::create(campaign, &folder.join("out")).unwrap();
+    let options = RangeOptions {
+        jobs: 1,
+        workers: worker(folder, script),
+    };
+    let all = 0..=campaign.runs() - 1;
+    let reached = run_range(campaign, &dataset, all, &options, progress);
+    (dataset, reached)
+}
+
 #[test]
 fn a_process_that_hangs_or_dies_is_a_row() {
     for (script, verdict, reason) in [
@@ -52,12 +70,8 @@ fn a_process_that_hangs_or_dies_is_a_row() {
     ] {
         let campaign = campaign(1, 1.0, "time_limit: 0.1").unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let dataset = Dataset::create(&campaign, &folder.path().join("out")).unwrap();
-        let options = RangeOptions {
-            jobs: 1,
-            workers: worker(folder.path(), script),
-        };
-        run_range(&campaign, &dataset, 0..=0, &options, |_| Continue(())).unwrap();
+        let (dataset, reached) = computed(&campaign, folder.path(), script, |_| Continue(()));
+        reached.unwrap();
         let rows = dataset.rows().unwrap();
         assert_eq!(rows[0].verdict, verdict, "{rows:?}");
         assert!(
@@ -85,18 +99,7 @@ fn a_process_that_cannot_start_ends_the_campaign_without_rows() {
         for runs in [1, 40] {
             let campaign = campaign(runs, 1.0, "").unwrap();
             let folder = tempfile::tempdir().unwrap();
-            let dataset = Dataset::create(&campaign, &folder.path().join("out")).unwrap();
-            let options = RangeOptions {
-                jobs: 1,
-                workers: worker(folder.path(), script),
-            };
-            let ended = run_range(
-                &campaign,
-                &dataset,
-                0..=runs - 1,
-                &options,
-                |_| Continue(()),
-            );
+            let (dataset, ended) = computed(&campaign, folder.path(), script, |_| Continue(()));
             let Err(CampaignError::Runtime(problem)) = ended else {
                 panic!("{script}: {ended:?}");
             };
@@ -108,7 +111,7 @@ fn a_process_that_cannot_start_ends_the_campaign_without_rows() {
 
 // The run would take ten minutes, and so would the test if nobody looked meanwhile.
 #[test]
-fn a_run_ends_when_its_campaign_shall_end() {
+fn a_stop_request_ends_a_run() {
     for script in [
         "echo $$ > $1/pid; echo '\"ready\"'; exec sleep 600",
         // During the start.
@@ -117,23 +120,13 @@ fn a_run_ends_when_its_campaign_shall_end() {
         for runs in [1, 40] {
             let campaign = campaign(runs, 1.0, "time_limit: 600.0").unwrap();
             let folder = tempfile::tempdir().unwrap();
-            let dataset = Dataset::create(&campaign, &folder.path().join("out")).unwrap();
-            let options = RangeOptions {
-                jobs: 1,
-                workers: worker(folder.path(), script),
-            };
-            let pid = dataset.folder().join("pid");
+            let pid = folder.path().join("out/pid");
             let written = || fs::read_to_string(&pid).is_ok_and(|text| text.ends_with('\n'));
-            let reached = run_range(
-                &campaign,
-                &dataset,
-                0..=runs - 1,
-                &options,
-                |_| match written() {
-                    true => Break(()),
-                    false => Continue(()),
-                },
-            );
+            let stop = |_| match written() {
+                true => Break(()),
+                false => Continue(()),
+            };
+            let (dataset, reached) = computed(&campaign, folder.path(), script, stop);
             assert_eq!(reached.unwrap().done, 0);
             assert_eq!(dataset.rows().unwrap(), []);
             let pid = fs::read_to_string(&pid).unwrap();

@@ -185,8 +185,8 @@ mod tests {
     fn files_next_to_the_folder_have_plain_names() {
         let folder = "package://robot/meshes/arm";
         assert_eq!(below(folder, "a.png"), "package://robot/meshes/arm/a.png");
-        let beside = below(folder, "../../textures/./a.png");
-        assert_eq!(beside, "package://robot/textures/a.png");
+        let texture = below(folder, "../../textures/./a.png");
+        assert_eq!(texture, "package://robot/textures/a.png");
         assert_eq!(below("meshes", "../../a.png"), "../a.png");
         // What is outside of the package stays recognizable, and is refused.
         assert!(below("package://robot/meshes", "../../../a.png").contains(".."));
