@@ -91,8 +91,8 @@ connection.onServices = () => {
 
 world.subscribe();
 connection.on((c) => c.topic.endsWith("/diagnostics"), (message) => diagnostics.take(message));
-connection.on((c) => c.topic.endsWith("/joint_states") && !c.topic.includes("ground_truth"), (message, topic) => {
-  if (world.isOther(topic)) return;
+const isOwnState = (topic: string) => topic.endsWith("/joint_states") && !topic.includes("ground_truth") && !world.isOther(topic);
+connection.on((c) => isOwnState(c.topic), (message, topic) => {
   stateStamp = seconds(message.header.stamp);
   stateArrived = performance.now();
   rates = [...message.velocity];

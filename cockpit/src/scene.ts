@@ -53,14 +53,13 @@ export class World {
   /** Subscribes to what is drawn. */
   subscribe(): void {
     const { connection } = this;
-    const own = (take: (message: Message) => void) => (message: Message, topic: string) => {
-      if (!this.isOther(topic)) take(message);
-    };
-    connection.on((c) => /(^|\/)tf(_static)?$/.test(c.topic), own((message) => this.frames.take(message)));
+    const own = (topic: RegExp, take: (message: Message) => void) =>
+      connection.on((c) => topic.test(c.topic) && !this.isOther(c.topic), take);
+    own(/(^|\/)tf(_static)?$/, (message) => this.frames.take(message));
     connection.on((c) => c.topic.endsWith("/robot_description"), (m, topic) => this.describe(topic, m.data));
     connection.on((c) => c.topic.endsWith("/joint_states"), (m, topic) => this.move(topic, m));
-    connection.on((c) => c.topic.endsWith("/markers"), own((message) => this.mark(message)));
-    connection.on((c) => c.topic.endsWith("/estimator/prediction"), own((message) => this.predictions.take(message)));
+    own(/\/markers$/, (message) => this.mark(message));
+    own(/\/estimator\/prediction$/, (message) => this.predictions.take(message));
   }
 
   /** Namespaces of the robots, `/` or `/name/`. The first one is shown and operated. */
