@@ -120,9 +120,16 @@ fn ids_stay_with_their_points_and_the_estimator_finds_the_motion() {
         assert!(truth.len() > 50, "{}", truth.len());
 
         let motions = read::<MotionEstimate>(&bag, "/estimator/motion");
-        let motion = motions.last().expect("a motion");
-        println!("{} frames, {:.3} px", motion.frames, motion.residual);
-        assert!(motion.residual < 0.5, "{motion:?}");
+        let frames = motions.last().expect("a motion").frames;
+        let mut residuals: Vec<f64> = motions.iter().map(|motion| motion.residual).collect();
+        residuals.sort_by(f64::total_cmp);
+        // Each is that of one frame, in which a few points that slide count much.
+        let [median, most] = [
+            residuals[residuals.len() / 2],
+            residuals[residuals.len() - 1],
+        ];
+        println!("{frames} frames, residuals: median {median:.3} px, at most {most:.3} px");
+        assert!(median < 0.3, "{residuals:?}");
         let rates = read::<Vector3Stamped>(&bag, "/estimator/angular_velocity");
         let rate = rates.last().expect("an angular velocity");
         let stamp = Time::from(&rate.header.stamp).as_nanos();

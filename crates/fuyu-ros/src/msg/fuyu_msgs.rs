@@ -259,7 +259,7 @@ crate::messages! {
         angular_velocity: Vector3,
         /// Direction of the angular momentum in camera axes.
         momentum_direction: Vector3,
-        /// Root mean square of what the fit leaves \[px\], or \[rad/s\] for masutani1995.
+        /// Root mean square residual of the last frame that was used \[px\], or for masutani1995 of the fit \[rad/s\].
         residual: f64,
         /// Covariance of j_x, j_y, j_z and alpha, row by row \[s4\]; all zero where the method has none.
         covariance: [f64; 16],
