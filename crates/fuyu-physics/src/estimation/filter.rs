@@ -20,6 +20,14 @@ const MIN_POINTS: usize = 4;
 /// Width of the inlier gate in standard deviations.
 const INLIER_GATE: f64 = 5.0;
 
+/// Unknowns of a frame's pose.
+const POSE_UNKNOWNS: usize = 6;
+
+/// A frame's residuals are larger than the noise if their mean square exceeds its expectation by this many standard
+/// deviations. The usual reason are errors of the points' positions. They are the same in the next frames, which
+/// therefore count together about as much as one.
+const EXCESS_DEVIATIONS: f64 = 2.0;
+
 /// The filter. Its updates must be in the order of time.
 #[derive(Debug, Clone)]
 pub struct Filter {
@@ -32,6 +40,8 @@ pub struct Filter {
     position: Vector3<f64>,
     model: MotionModel,
     rms: f64,
+    /// Number of frames with residuals larger than the noise.
+    excess_frames: u32,
 }
 
 /// Contribution of a frame to the filter.
@@ -81,6 +91,7 @@ impl Filter {
             position: last.t_C,
             model: solution.motion.model(),
             rms: solution.motion.rms(),
+            excess_frames: 0,
         })
     }
 
@@ -155,6 +166,7 @@ impl Filter {
             rms: 0.0,
             innovation: Vector3::zeros(),
         };
+        let mut has_excess = false;
         // Two rounds gate the points, and every round linearises again at the updated state.
         for round in 0..3 {
             let Some(measurement) =
@@ -196,12 +208,14 @@ impl Filter {
                 };
             };
             error = next;
+            has_excess = measurement.has_excess;
             self.rms = measurement.rms;
             self.state = MotionState {
                 covariance: (reduced + reduced.transpose()) * 0.5,
                 ..moved
             };
         }
+        self.excess_frames += u32::from(has_excess);
         update
     }
 
@@ -284,10 +298,20 @@ impl Filter {
                         .flatten();
                 }
                 self.position = t_C;
+                let count = 2 * correspondences.len();
+                let information = H_aa - H_at * inverse * H_at.transpose();
+                let gradient = g_a - H_at * inverse * g_t;
+                let explained = information
+                    .try_inverse()
+                    .map_or(0.0, |inverse| gradient.dot(&(inverse * gradient)));
+                let unexplained = squares / (self.noise * self.noise) - explained;
+                let excess = excess_variance(unexplained, count - POSE_UNKNOWNS);
+                let scale = 1.0 / (1.0 + excess * f64::from(self.excess_frames + 1));
                 return Some(AttitudeInformation {
-                    information: H_aa - H_at * inverse * H_at.transpose(),
-                    gradient: g_a - H_at * inverse * g_t,
-                    rms: (squares / (2 * correspondences.len()) as f64).sqrt(),
+                    information: information * scale,
+                    gradient: gradient * scale,
+                    has_excess: excess > 0.0,
+                    rms: (squares / count as f64).sqrt(),
                 });
             }
             t_C += step;
@@ -296,10 +320,20 @@ impl Filter {
     }
 }
 
+/// Variance of a frame's points beyond the batch's noise, in units of that: from what a free pose leaves of the frame's
+/// residuals, `chi_squared` with `freedom` degrees of freedom. Zero unless it is significant.
+fn excess_variance(chi_squared: f64, freedom: usize) -> f64 {
+    let freedom = freedom as f64;
+    let excess = chi_squared / freedom - 1.0;
+    let is_significant = excess > EXCESS_DEVIATIONS * (2.0 / freedom).sqrt();
+    if is_significant { excess } else { 0.0 }
+}
+
 /// Information of a frame on the attitude, and gradient of its cost, by a rotation in body axes.
 struct AttitudeInformation {
     information: Matrix3<f64>,
     gradient: Vector3<f64>,
+    has_excess: bool,
     rms: f64,
 }
 
