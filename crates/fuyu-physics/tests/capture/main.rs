@@ -6,6 +6,7 @@
 mod contact;
 mod detumble;
 mod gripper;
+mod gyrostat;
 mod identify;
 mod impulse;
 mod motion;

@@ -70,6 +70,14 @@ pub enum CaptureError {
     /// Robot or target is a mechanism with closed loops.
     #[error("'{0}' has closed loops; only trees can grasp and be grasped")]
     ClosedLoops(String),
+    /// The robot has deformable bodies or elastic joints.
+    #[error(
+        "'{0}' has deformable bodies or elastic joints; of robots with flexible parts only those with wheels and thrusters can grasp"
+    )]
+    Deformable(String),
+    /// The joined system cannot have the robot's wheels and thrusters.
+    #[error("with the target, the robot cannot have its wheels and thrusters: {0}")]
+    Wheels(String),
     /// A loop that a second grasp would close is impossible.
     #[error(transparent)]
     Loop(#[from] LoopError),
@@ -112,6 +120,27 @@ pub struct Captured {
 }
 
 impl Grasp {
+    /// Checks that the frames are those of `robot` and of the base of `target`.
+    pub(super) fn check(&self, robot: &Model, target: &Floating) -> Result<(), CaptureError> {
+        if robot.frame(&self.robot.name) != Some(&self.robot) {
+            return Err(CaptureError::UnknownFrame {
+                frame: self.robot.name.clone(),
+                robot: robot.name().to_owned(),
+            });
+        }
+        let name = target.model().name();
+        if self.target.body != 0 {
+            return Err(CaptureError::NotOnBase {
+                target: name.to_owned(),
+                body: self.target.body,
+            });
+        }
+        if !target.loops().closures().is_empty() {
+            return Err(CaptureError::ClosedLoops(name.to_owned()));
+        }
+        Ok(())
+    }
+
     /// Distance \[m\] and angle \[rad\] between the two frames.
     pub fn separation(&self, robot: &Floating, target: &Floating) -> (f64, f64) {
         let at = |system: &Floating, frame: &Frame| {
@@ -158,23 +187,9 @@ impl Captured {
         grasp: &Grasp,
         method: IntegrationMethod,
     ) -> Result<(Self, LatchImpulses), CaptureError> {
-        if robot.model().frame(&grasp.robot.name) != Some(&grasp.robot) {
-            return Err(CaptureError::UnknownFrame {
-                frame: grasp.robot.name.clone(),
-                robot: robot.model().name().to_owned(),
-            });
-        }
-        if grasp.target.body != 0 {
-            return Err(CaptureError::NotOnBase {
-                target: target.model().name().to_owned(),
-                body: grasp.target.body,
-            });
-        }
-        if let Some(looped) = [robot, target]
-            .iter()
-            .find(|s| !s.loops().closures().is_empty())
-        {
-            return Err(CaptureError::ClosedLoops(looped.model().name().to_owned()));
+        grasp.check(robot.model(), target)?;
+        if !robot.loops().closures().is_empty() {
+            return Err(CaptureError::ClosedLoops(robot.model().name().to_owned()));
         }
         let joints = vec![grasp.joints; robot.model().dof()];
         let (mut of_robot, mut of_target) = (robot.workspace().clone(), target.workspace().clone());
@@ -202,12 +217,12 @@ impl Captured {
     }
 
     /// Counts the energy that an impulse has lost as work, so that work explains the kinetic energy.
-    fn lose(&mut self, energy: f64) {
+    pub(super) fn lose(&mut self, energy: f64) {
         self.floating.change_state(|state| state.work -= energy);
     }
 
     /// The joined system of states that fit the latch.
-    fn joined(
+    pub(super) fn joined(
         robot: &Floating,
         target: &Floating,
         grasp: &Grasp,
@@ -442,13 +457,15 @@ impl Captured {
         }
     }
 
-    /// Chooses the axes of a spherical joint again if two of them come close to each other.
-    pub(super) fn choose_axes_if_tilted(&mut self) {
+    /// Chooses the axes of a spherical joint again if two of them come close to each other. Returns whether it did.
+    pub(super) fn choose_axes_if_tilted(&mut self) -> bool {
         if let [_, tilt, _] = self.joined.connection[..]
             && self.floating.state().q[tilt].abs() > TILTED
         {
             self.choose_axes();
+            return true;
         }
+        false
     }
 
     /// Chooses the axes of the spherical joint so that all three angles are zero now.

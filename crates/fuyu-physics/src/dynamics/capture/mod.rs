@@ -3,6 +3,7 @@
 //! [`close_latches`] computes the impulse at which latches close: total momentum does not change, energy does.
 //! [`Captured`] is robot and target from then on: one floating system, in which the target's links are part of the
 //! robot's tree. A second arm that grasps the target closes a loop. [`Captured::release`] separates robot and target.
+//! [`CapturedGyrostat`] is the same for a robot with reaction wheels and thrusters.
 //!
 //! ```
 //! use fuyu_physics::dynamics::capture::{Captured, Grasp, JointReaction, Latch};
@@ -33,11 +34,13 @@
 //! ```
 
 mod captured;
+mod gyrostat;
 mod impulse;
 mod parts;
 mod release;
 
 pub use captured::{CaptureError, Captured, Grasp};
+pub use gyrostat::{CapturedGyrostat, ReleasedGyrostat};
 pub use impulse::{
     JointReaction, Latch, LatchImpulses, LatchPair, System, close_latches, push_apart,
 };

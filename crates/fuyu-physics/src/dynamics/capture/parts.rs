@@ -13,7 +13,7 @@ pub(super) struct RobotPart {
     state: State,
     input: Input,
     /// Per body of the robot, its body in the joined model and its pose there.
-    bodies: Vec<(usize, Pose)>,
+    pub bodies: Vec<(usize, Pose)>,
 }
 
 impl RobotPart {
@@ -31,7 +31,7 @@ impl RobotPart {
     }
 
     /// Writes the robot's input to that of the joined system.
-    fn write(places: &[Place], bodies: &[(usize, Pose)], from: &Input, to: &mut Input) {
+    pub fn write(places: &[Place], bodies: &[(usize, Pose)], from: &Input, to: &mut Input) {
         for (place, effort) in places.iter().zip(&from.efforts) {
             if let Place::Coordinate(j) = *place {
                 to.efforts[j] = *effort;
@@ -47,7 +47,7 @@ impl RobotPart {
 }
 
 /// Writes attitude and joints of the robot to `robot`; its centre of mass and momentum become those of the whole.
-fn read_robot(places: &[Place], whole: &State, robot: &mut State) {
+pub(super) fn read_robot(places: &[Place], whole: &State, robot: &mut State) {
     robot.time = whole.time;
     robot.R_WB = whole.R_WB;
     robot.p_WC = whole.p_WC;
@@ -60,6 +60,15 @@ fn read_robot(places: &[Place], whole: &State, robot: &mut State) {
             Place::Locked(q) => (q, 0.0),
         };
     }
+}
+
+/// Accelerations of the robot's joints, in its own order, of those of the joined system.
+pub(super) fn robot_accelerations(places: &[Place], qdd: &[f64]) -> Vec<f64> {
+    let of_robot = places.iter().map(|place| match *place {
+        Place::Coordinate(j) => qdd[j],
+        Place::Locked(_) => 0.0,
+    });
+    of_robot.collect()
 }
 
 impl Captured {
@@ -107,11 +116,7 @@ impl Captured {
     /// If `robot` is another robot.
     pub fn show_robot_accelerations(&mut self, robot: &mut Floating) {
         let found = self.floating.present_accelerations();
-        let qdd = self.places.iter().map(|place| match *place {
-            Place::Coordinate(j) => found.qdd[j],
-            Place::Locked(_) => 0.0,
-        });
-        let qdd: Vec<f64> = qdd.collect();
+        let qdd = robot_accelerations(&self.places, found.qdd.as_slice());
         let A_WB_B = found.A_WB_B;
         robot.show_accelerations(A_WB_B, &qdd);
     }

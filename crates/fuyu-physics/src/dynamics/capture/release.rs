@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::captured::{Captured, total_momentum};
+use super::captured::{Captured, Grasp, total_momentum};
 use super::impulse::{Latch, LatchPair, System, push_apart};
 use crate::dynamics::{Dissipated, Momentum, State, Workspace};
 use crate::model::Frame;
@@ -67,36 +67,53 @@ impl Captured {
         let Some(spring) = spring else {
             return Released { robot, target };
         };
-        let frame = &self.grasp().robot;
-        of_robot.set_positions(&robot.q);
-        let X_WG = X_WB * of_robot.X_BF(frame);
-        let at = Frame {
-            X_BF: X_WO.inverse() * X_WG,
-            ..self.grasp().target.clone()
-        };
-        let pair = LatchPair {
-            first: (0, frame),
-            second: (1, &at),
-            latch: Latch::Ball,
-        };
-        let mut systems = [
-            System {
-                state: &robot,
-                workspace: &mut of_robot,
-                joints: &[],
-            },
-            System {
-                state: &target,
-                workspace: &mut of_target,
-                joints: &[],
-            },
-        ];
-        let direction = X_WG.rotation * spring.direction;
-        let pushed = push_apart(&mut systems, &pair, &direction, spring.energy);
-        let [mut robot, target]: [State; 2] = pushed.states.try_into().expect("two systems");
-        robot.work -= pushed.energy_lost;
+        let [robot, target] = push(
+            (&robot, &mut of_robot),
+            (&target, &mut of_target),
+            self.grasp(),
+            spring,
+        );
         Released { robot, target }
     }
+}
+
+/// Robot and target, each with its scratch memory, pushed apart by `spring` at the robot's frame of `grasp`. The spring's
+/// energy counts as work on the robot.
+pub(super) fn push(
+    (robot, of_robot): (&State, &mut Workspace),
+    (target, of_target): (&State, &mut Workspace),
+    grasp: &Grasp,
+    spring: &ReleaseSpring,
+) -> [State; 2] {
+    of_robot.set_positions(&robot.q);
+    of_target.set_positions(&target.q);
+    let X_WG = robot.X_WB(of_robot) * of_robot.X_BF(&grasp.robot);
+    let at = Frame {
+        X_BF: target.X_WB(of_target).inverse() * X_WG,
+        ..grasp.target.clone()
+    };
+    let pair = LatchPair {
+        first: (0, &grasp.robot),
+        second: (1, &at),
+        latch: Latch::Ball,
+    };
+    let mut systems = [
+        System {
+            state: robot,
+            workspace: of_robot,
+            joints: &[],
+        },
+        System {
+            state: target,
+            workspace: of_target,
+            joints: &[],
+        },
+    ];
+    let direction = X_WG.rotation * spring.direction;
+    let pushed = push_apart(&mut systems, &pair, &direction, spring.energy);
+    let [mut robot, target]: [State; 2] = pushed.states.try_into().expect("two systems");
+    robot.work -= pushed.energy_lost;
+    [robot, target]
 }
 
 fn isometry(X: &Pose) -> Isometry3<f64> {

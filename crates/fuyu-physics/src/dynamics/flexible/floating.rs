@@ -3,8 +3,8 @@
 use nalgebra::DVector;
 
 use super::{
-    FlexibleForcing, FlexibleInput, FlexibleIntegrator, FlexibleState, FlexibleSystem,
-    FlexibleWorkspace,
+    Accelerations, FlexibleForcing, FlexibleInput, FlexibleIntegrator, FlexibleState,
+    FlexibleSystem, FlexibleWorkspace,
 };
 use crate::dynamics::{IntegrationMethod, checks};
 use crate::model::Model;
@@ -154,6 +154,16 @@ impl FlexibleFloating {
         };
         integrator.step(state, workspace, dt, &mut apply);
         forcing.apply(state.tree.time, state, held);
+    }
+
+    /// Accelerations at this instant under the held input.
+    pub(in crate::dynamics) fn accelerations(&mut self) -> Accelerations<'_> {
+        (self.integrator).accelerations(&self.state, &mut self.workspace, &self.input)
+    }
+
+    /// State and scratch memory, of which the caller keeps the one as the other has it.
+    pub(super) fn parts_mut(&mut self) -> (&mut FlexibleState, &mut FlexibleWorkspace) {
+        (&mut self.state, &mut self.workspace)
     }
 
     /// Computes the accelerations of all frames at this instant under the held input

@@ -50,6 +50,7 @@ mod composite;
 mod error;
 mod first_order;
 mod floating;
+mod gyrostat;
 mod integrator;
 mod jacobian;
 mod linear;

@@ -1,0 +1,366 @@
+//! A robot with reaction wheels and thrusters that holds a target.
+//!
+//! An impulse leaves the angular momentum of each wheel about its axis as it is, because its bearing and its motor
+//! transmit none about it. So robot and target meet as rigid trees of which the wheels are not part; afterwards the
+//! wheels' speeds relative to their bodies follow from their momenta. (P. C. Hughes, Spacecraft Attitude Dynamics, 1986,
+//! section 3.4: a gyrostat whose rotor is free about its axis.)
+
+use nalgebra::Vector3;
+
+use super::captured::{CaptureError, Captured, Grasp};
+use super::impulse::{LatchImpulses, LatchPair, System, close_latches};
+use super::parts::{RobotPart, read_robot, robot_accelerations};
+use super::release::{ReleaseSpring, push};
+use crate::dynamics::flexible::{
+    FlexibleFloating, FlexibleForcing, FlexibleInput, FlexibleState, FlexibleSystem,
+    FlexibleWorkspace,
+};
+use crate::dynamics::{Floating, IntegrationMethod, State, Workspace};
+use crate::model::Frame;
+use crate::spatial::Pose;
+
+/// A robot with wheels and thrusters, joined with a target by a grasp: the counterpart of [`Captured`] for a
+/// [`FlexibleSystem`] without deformable bodies and elastic joints. Springs and dampers of the target's joints act, friction,
+/// stops and speed limits of joints do not.
+#[derive(Debug, Clone)]
+pub struct CapturedGyrostat {
+    floating: FlexibleFloating,
+    method: IntegrationMethod,
+    /// The same tree with the wheels locked, whose momentum is that without what the wheels have relative to their bodies.
+    locked: Captured,
+    robot: FlexibleSystem,
+    free_wheels: FreeWheels,
+    /// State and input of the robot at a stage of a step.
+    stage: (FlexibleState, FlexibleInput),
+}
+
+/// Robot and target after a release.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReleasedGyrostat {
+    /// State of the robot.
+    pub robot: FlexibleState,
+    /// State of the target.
+    pub target: State,
+}
+
+impl CapturedGyrostat {
+    /// Joins robot and target as they are now. Returns the impulse, on the robot first; the robot's state has the
+    /// momentum of its wheels.
+    ///
+    /// # Errors
+    /// [`CaptureError`] as for [`Captured::new`], and if the robot has deformable bodies or elastic joints, or the target
+    /// mimic joints.
+    pub fn new(
+        robot: &FlexibleFloating,
+        target: &Floating,
+        grasp: &Grasp,
+        method: IntegrationMethod,
+    ) -> Result<(Self, LatchImpulses), CaptureError> {
+        let system = robot.system();
+        if !system.is_gyrostat() {
+            return Err(CaptureError::Deformable(system.model().name().to_owned()));
+        }
+        grasp.check(system.model(), target)?;
+        let mut free_wheels = FreeWheels::new(system);
+        let (state, momenta) = free_wheels.without_wheels(robot.state(), robot.workspace());
+        let joints = vec![grasp.joints; system.model().dof()];
+        let mut of_target = target.workspace().clone();
+        let mut systems = [
+            System {
+                state: &state,
+                workspace: &mut free_wheels.workspace,
+                joints: &joints,
+            },
+            System {
+                state: target.state(),
+                workspace: &mut of_target,
+                joints: &[],
+            },
+        ];
+        let pair = LatchPair {
+            first: (0, &grasp.robot),
+            second: (1, &grasp.target),
+            latch: grasp.latch,
+        };
+        let mut impulses = close_latches(&mut systems, &[pair]);
+        let after = free_wheels.with_wheels(robot.state(), &impulses.states[0], &momenta);
+        impulses.states[0] = after.tree.clone();
+        let mut of_robot = FlexibleWorkspace::new(system);
+        of_robot.set_state(&after);
+        let rigid = wheels_locked(&after, &of_robot);
+        let carrier = Floating::new(system.model().clone(), rigid.clone(), method);
+        let states = [rigid, impulses.states[1].clone()];
+        let mut locked = Captured::joined(&carrier, target, grasp, method, &states);
+        locked.lose(impulses.energy_lost);
+        let floating = with_wheels(system, &locked, &after, method)?;
+        let captured = Self {
+            floating,
+            method,
+            locked,
+            robot: system.clone(),
+            free_wheels,
+            stage: (after, FlexibleInput::zero(system)),
+        };
+        Ok((captured, impulses))
+    }
+
+    /// The joined system.
+    pub fn floating(&self) -> &FlexibleFloating {
+        &self.floating
+    }
+
+    /// The joined system with its wheels locked, whose momentum is that of the joined system without what the wheels have
+    /// relative to their bodies.
+    pub fn locked(&self) -> &Captured {
+        &self.locked
+    }
+
+    /// Holds the input of the robot, in its own order, from now on, and opens its thrusters for as long as `robot` does.
+    ///
+    /// # Panics
+    /// If it is another robot.
+    pub fn hold_robot_input(&mut self, robot: &FlexibleFloating) {
+        let from = robot.input();
+        self.floating
+            .change_state_with(|state, _| state.copy_valves(robot.state()));
+        let to = self.floating.input_mut();
+        RobotPart::write(
+            &self.locked.places,
+            &self.locked.part.bodies,
+            &from.tree,
+            &mut to.tree,
+        );
+        to.wheel_torques.copy_from(&from.wheel_torques);
+    }
+
+    /// Advances by `steps` steps of `dt` \[s\] under the held input.
+    pub fn step(&mut self, dt: f64, steps: usize) {
+        if self.locked.joined.connection.is_empty() {
+            self.floating.step(dt, steps);
+            self.follow();
+            return;
+        }
+        for _ in 0..steps {
+            self.floating.step(dt, 1);
+            self.follow();
+        }
+    }
+
+    /// Advances by one step of `dt` \[s\] under the robot's input that `forcing` makes of that of `robot` at every stage.
+    /// It is given joints, attitude, wheels and thrusters of the robot, with centre of mass and momentum of the whole.
+    /// Afterwards the input that it gives for the new state is held, also by `robot`.
+    ///
+    /// # Panics
+    /// If it is another robot.
+    pub fn step_with(
+        &mut self,
+        dt: f64,
+        robot: &mut FlexibleFloating,
+        forcing: &mut impl FlexibleForcing,
+    ) {
+        self.hold_robot_input(robot);
+        let Self {
+            floating,
+            locked,
+            stage: (state, input),
+            ..
+        } = self;
+        input.copy_from(robot.input());
+        let mut of_whole = |time: f64, whole: &FlexibleState, to: &mut FlexibleInput| {
+            read_robot(&locked.places, &whole.tree, &mut state.tree);
+            state.copy_wheels_and_thrusters(whole);
+            forcing.apply(time, state, input);
+            RobotPart::write(
+                &locked.places,
+                &locked.part.bodies,
+                &input.tree,
+                &mut to.tree,
+            );
+            to.wheel_torques.copy_from(&input.wheel_torques);
+        };
+        floating.step_with(dt, &mut of_whole);
+        robot.input_mut().copy_from(input);
+        self.follow();
+    }
+
+    /// Gives `robot`, a system of the robot's own, the motion that it has in the joined system. Its work is that of the
+    /// joined system.
+    ///
+    /// # Panics
+    /// If it is another robot.
+    pub fn show_robot(&self, robot: &mut FlexibleFloating) {
+        let whole = self.floating.state();
+        let (X_WB, V_WB_B) = (self.floating.X_WB(), self.floating.workspace().V_WB_B());
+        robot.change_state_with(|state, own| {
+            read_robot(&self.locked.places, &whole.tree, &mut state.tree);
+            state.copy_wheels_and_thrusters(whole);
+            state.set_base(own, &X_WB, V_WB_B);
+            state.tree.R_WB = whole.tree.R_WB;
+        });
+    }
+
+    /// As [`Captured::show_target`].
+    pub fn show_target(&self, target: &mut Floating) {
+        self.locked.show_target(target);
+    }
+
+    /// Gives `robot`, which [`Self::show_robot`] has set, the accelerations that it has in the joined system under the
+    /// held input.
+    ///
+    /// # Panics
+    /// If it is another robot.
+    pub fn show_robot_accelerations(&mut self, robot: &mut FlexibleFloating) {
+        let accelerations = self.floating.accelerations();
+        let of_robot = robot_accelerations(&self.locked.places, accelerations.joints);
+        let A_WB_B = accelerations.base;
+        robot.show_accelerations(A_WB_B, &of_robot);
+    }
+
+    /// Robot and target as they are when the grasp opens, pushed apart by `spring`. Momentum of both together is that of
+    /// the joined system.
+    pub fn release(&self, spring: Option<&ReleaseSpring>) -> ReleasedGyrostat {
+        let released = self.locked.release(None);
+        let mut of_robot = FlexibleWorkspace::new(&self.robot);
+        let mut robot = self.floating.state().with_tree(released.robot);
+        add_wheels(&mut robot, &mut of_robot);
+        let Some(spring) = spring else {
+            return ReleasedGyrostat {
+                robot,
+                target: released.target,
+            };
+        };
+        let mut free_wheels = self.free_wheels.clone();
+        let (state, momenta) = free_wheels.without_wheels(&robot, &of_robot);
+        let mut of_target = Workspace::new(self.locked.target());
+        let [without, target] = push(
+            (&state, &mut free_wheels.workspace),
+            (&released.target, &mut of_target),
+            self.locked.grasp(),
+            spring,
+        );
+        ReleasedGyrostat {
+            robot: free_wheels.with_wheels(&robot, &without, &momenta),
+            target,
+        }
+    }
+
+    /// The tree with locked wheels moves as the joined system has moved.
+    fn follow(&mut self) {
+        let (state, workspace) = (self.floating.state(), self.floating.workspace());
+        let relative = state.tree.R_WB * workspace.rotor_momentum(state);
+        self.locked.floating.change_state(|locked| {
+            locked.copy_from(&state.tree);
+            locked.momentum_W.angular -= relative;
+        });
+        if self.locked.choose_axes_if_tilted() {
+            // The joined system has been built of these parts before.
+            let joined = with_wheels(&self.robot, &self.locked, state, self.method);
+            if let Ok(mut joined) = joined {
+                joined.input_mut().copy_from(self.floating.input());
+                self.floating = joined;
+            }
+        }
+    }
+}
+
+/// The joined system: the tree `locked`, with the wheels and thrusters of `robot` in the state that they have in `parts`.
+fn with_wheels(
+    robot: &FlexibleSystem,
+    locked: &Captured,
+    parts: &FlexibleState,
+    method: IntegrationMethod,
+) -> Result<FlexibleFloating, CaptureError> {
+    let system = robot
+        .on_model(&locked.joined.model, &locked.part.bodies)
+        .map_err(|e| CaptureError::Wheels(e.to_string()))?;
+    let mut state = parts.with_tree(locked.floating.state().clone());
+    add_wheels(&mut state, &mut FlexibleWorkspace::new(&system));
+    Ok(FlexibleFloating::new(&system, state, method))
+}
+
+/// Adds to the momentum of `state` what its wheels have relative to their bodies.
+fn add_wheels(state: &mut FlexibleState, workspace: &mut FlexibleWorkspace) {
+    workspace.set_state(state);
+    state.tree.momentum_W.angular += state.tree.R_WB * workspace.rotor_momentum(state);
+    workspace.set_state(state);
+}
+
+/// The tree of `state` without the momentum that its wheels have relative to their bodies.
+fn wheels_locked(state: &FlexibleState, workspace: &FlexibleWorkspace) -> State {
+    let mut tree = state.tree.clone();
+    tree.momentum_W.angular -= tree.R_WB * workspace.rotor_momentum(state);
+    tree
+}
+
+/// The robot as impulses move it: its wheels offer no inertia about their axes.
+#[derive(Debug, Clone)]
+struct FreeWheels {
+    system: FlexibleSystem,
+    workspace: Workspace,
+}
+
+impl FreeWheels {
+    fn new(system: &FlexibleSystem) -> Self {
+        Self {
+            workspace: Workspace::new(&system.free_wheel_model()),
+            system: system.clone(),
+        }
+    }
+
+    /// The axis of wheel `i` in base axes, and its component of the angular velocity of the wheel's body \[rad/s\].
+    fn axis(
+        system: &FlexibleSystem,
+        i: usize,
+        motion: impl Fn(&Frame) -> (Pose, Vector3<f64>),
+    ) -> (Vector3<f64>, f64) {
+        let (body, axis) = system.wheel_axis(i);
+        let model = system.model();
+        let carrier = model
+            .frame(&model.bodies()[body].name)
+            .expect("bodies have frames");
+        let (X_0F, w) = motion(carrier);
+        let axis = X_0F.rotation * (carrier.X_BF.rotation.inverse() * *axis);
+        (axis, axis.dot(&w))
+    }
+
+    /// The robot without its wheels, and the angular momentum of each wheel about its axis \[N m s\].
+    fn without_wheels(
+        &self,
+        state: &FlexibleState,
+        workspace: &FlexibleWorkspace,
+    ) -> (State, Vec<f64>) {
+        let mut tree = state.tree.clone();
+        let mut momenta = Vec::new();
+        for (i, wheel) in self.system.wheels().iter().enumerate() {
+            let (axis, along) = Self::axis(&self.system, i, |frame| {
+                (workspace.X_BF(frame), workspace.V_WF_B(frame).angular)
+            });
+            let momentum = wheel.inertia * (along + state.wheel_speeds()[i]);
+            tree.momentum_W.angular -= state.tree.R_WB * (axis * momentum);
+            momenta.push(momentum);
+        }
+        (tree, momenta)
+    }
+
+    /// The state of the robot with the angular momenta of its wheels, when without them it is in the state `tree`.
+    fn with_wheels(
+        &mut self,
+        parts: &FlexibleState,
+        tree: &State,
+        momenta: &[f64],
+    ) -> FlexibleState {
+        self.workspace.set_positions(&tree.q);
+        self.workspace.set_motion(tree);
+        let mut state = parts.with_tree(tree.clone());
+        for (i, momentum) in momenta.iter().enumerate() {
+            let workspace = &self.workspace;
+            let (axis, along) = Self::axis(&self.system, i, |frame| {
+                (workspace.X_BF(frame), workspace.V_WF_B(frame).angular)
+            });
+            let inertia = self.system.wheels()[i].inertia;
+            state.wheel_speeds_mut()[i] = momentum / inertia - along;
+            state.tree.momentum_W.angular += tree.R_WB * (axis * *momentum);
+        }
+        state
+    }
+}
