@@ -52,6 +52,7 @@ mod contacts;
 mod divergence;
 mod excitations;
 mod external_wrenches;
+mod flexible_robot;
 mod free_body;
 mod grasps;
 mod gripper_actions;

@@ -3,6 +3,7 @@
 use nalgebra::{DVector, Isometry3};
 
 use super::{
+    flexible_robot::FlexibleRobot,
     free_body::{FreeBody, Restorable, in_world, try_to_move},
     grasps::RigidRobot,
     loops::LoopParams,
@@ -12,7 +13,8 @@ use super::{
 use crate::{
     control::commander::BaseState,
     dynamics::{
-        Floating, FormulationKind, Input, Loops, Momentum, State,
+        Floating, FormulationKind, Input, IntegrationMethod, JointPhysics, Loops, Momentum, State,
+        capture::{CaptureError, Grasp, ReleaseSpring},
         flexible::{FlexibleFloating, FlexibleInput, FlexibleState},
     },
     model::{Frame, Model},
@@ -25,8 +27,8 @@ use crate::{
 pub enum Robot {
     /// A tree of rigid bodies, possibly with closed loops, which may hold a target.
     Rigid(Box<RigidRobot>),
-    /// A tree with deformable bodies, elastic joints, wheels or thrusters.
-    Flexible(Box<FlexibleFloating>),
+    /// A tree with deformable bodies, elastic joints, wheels or thrusters; with the latter two alone it may hold a target.
+    Flexible(Box<FlexibleRobot>),
 }
 
 /// All of a robot's state.
@@ -46,7 +48,7 @@ impl From<Floating> for Robot {
 
 impl From<FlexibleFloating> for Robot {
     fn from(robot: FlexibleFloating) -> Self {
-        Self::Flexible(Box::new(robot))
+        Self::Flexible(Box::new(FlexibleRobot::new(robot)))
     }
 }
 
@@ -121,11 +123,72 @@ impl Robot {
         }
     }
 
+    /// Name of the target that it holds.
+    pub fn held(&self) -> Option<&str> {
+        match self {
+            Self::Rigid(robot) => robot.held(),
+            Self::Flexible(robot) => robot.held(),
+        }
+    }
+
+    /// Grasps a target, called `name`; both get the motion after the impulse. Returns the energy that is lost \[J\].
+    ///
+    /// # Errors
+    /// [`CaptureError`]; nothing has changed then.
+    pub(super) fn grasp(
+        &mut self,
+        (name, target): (&str, &mut Floating),
+        grasp: &Grasp,
+        method: IntegrationMethod,
+        joint_physics: &JointPhysics,
+    ) -> Result<f64, CaptureError> {
+        match self {
+            Self::Rigid(robot) => robot.grasp((name, target), grasp, method, joint_physics),
+            Self::Flexible(robot) => robot.grasp((name, target), grasp, method),
+        }
+    }
+
+    /// Opens all grasps: robot and target move apart as `spring` pushes them.
+    pub(super) fn release_target(&mut self, target: &mut Floating, spring: Option<&ReleaseSpring>) {
+        match self {
+            Self::Rigid(robot) => robot.release(target, spring),
+            Self::Flexible(robot) => robot.release(target, spring),
+        }
+    }
+
+    /// Holds nothing any more; the robot keeps its motion.
+    pub(super) fn let_go(&mut self) {
+        match self {
+            Self::Rigid(robot) => robot.let_go(),
+            Self::Flexible(robot) => robot.let_go(),
+        }
+    }
+
+    /// Gives the target that it holds the motion that it has in the joined system.
+    pub(super) fn show_target(&self, target: &mut Floating) {
+        match self {
+            Self::Rigid(robot) => robot.show_target(target),
+            Self::Flexible(robot) => robot.show_target(target),
+        }
+    }
+
+    /// Work of all that acts on the robot and what it holds, less what damping of wheels and flexible parts has taken
+    /// \[J\].
+    pub(super) fn whole_work(&self) -> f64 {
+        match self {
+            Self::Rigid(robot) => robot.whole().state().work,
+            Self::Flexible(robot) => {
+                let state = robot.whole_state();
+                state.tree.work - state.losses().total()
+            }
+        }
+    }
+
     /// Momentum of the robot with what it holds or may touch, angular about the common centre of mass.
     pub(super) fn whole_momentum(&self) -> Momentum {
         match self {
             Self::Rigid(robot) => robot.whole_momentum(),
-            Self::Flexible(robot) => robot.state().tree.momentum_W,
+            Self::Flexible(robot) => robot.whole_state().tree.momentum_W,
         }
     }
 
@@ -157,7 +220,7 @@ impl Robot {
     pub fn flexible(&self) -> Option<&FlexibleFloating> {
         match self {
             Self::Rigid(_) => None,
-            Self::Flexible(robot) => Some(robot),
+            Self::Flexible(robot) => Some(robot.own()),
         }
     }
 
@@ -165,7 +228,7 @@ impl Robot {
     pub fn flexible_mut(&mut self) -> Option<&mut FlexibleFloating> {
         match self {
             Self::Rigid(_) => None,
-            Self::Flexible(robot) => Some(robot),
+            Self::Flexible(robot) => Some(robot.own_mut()),
         }
     }
 
@@ -173,7 +236,7 @@ impl Robot {
     pub fn model(&self) -> &Model {
         match self {
             Self::Rigid(robot) => robot.own().model(),
-            Self::Flexible(robot) => robot.model(),
+            Self::Flexible(robot) => robot.own().model(),
         }
     }
 
@@ -181,7 +244,7 @@ impl Robot {
     pub fn rigid_model(&self) -> Model {
         match self {
             Self::Rigid(robot) => robot.own().model().clone(),
-            Self::Flexible(robot) => robot.system().rigid_model(),
+            Self::Flexible(robot) => robot.own().system().rigid_model(),
         }
     }
 
@@ -189,7 +252,7 @@ impl Robot {
     pub fn total_mass(&self) -> f64 {
         match self {
             Self::Rigid(robot) => robot.own().model().total_mass(),
-            Self::Flexible(robot) => robot.system().total_mass(),
+            Self::Flexible(robot) => robot.own().system().total_mass(),
         }
     }
 
@@ -197,7 +260,7 @@ impl Robot {
     pub fn state(&self) -> &State {
         match self {
             Self::Rigid(robot) => robot.own().state(),
-            Self::Flexible(robot) => &robot.state().tree,
+            Self::Flexible(robot) => robot.state(),
         }
     }
 
@@ -211,7 +274,7 @@ impl Robot {
     pub fn X_BF(&self, frame: &Frame) -> Pose {
         match self {
             Self::Rigid(robot) => robot.own().workspace().X_BF(frame),
-            Self::Flexible(robot) => robot.workspace().X_BF(frame),
+            Self::Flexible(robot) => robot.own().workspace().X_BF(frame),
         }
     }
 
@@ -219,7 +282,7 @@ impl Robot {
     pub fn V_WF_B(&self, frame: &Frame) -> Twist {
         match self {
             Self::Rigid(robot) => robot.own().workspace().V_WF_B(frame),
-            Self::Flexible(robot) => robot.workspace().V_WF_B(frame),
+            Self::Flexible(robot) => robot.own().workspace().V_WF_B(frame),
         }
     }
 
@@ -236,7 +299,7 @@ impl Robot {
     pub fn A_WF_B(&self, frame: &Frame) -> Twist {
         match self {
             Self::Rigid(robot) => robot.own().workspace().A_WF_B(frame),
-            Self::Flexible(robot) => robot.workspace().A_WF_B(frame),
+            Self::Flexible(robot) => robot.own().workspace().A_WF_B(frame),
         }
     }
 
@@ -245,11 +308,11 @@ impl Robot {
         match self {
             Self::Rigid(robot) => BaseState::of(robot.own().state(), robot.own().workspace()),
             Self::Flexible(robot) => {
-                let state = robot.state();
+                let state = robot.own().state();
                 let mut momentum_B = state.tree.momentum_W.expressed_in(&state.tree.R_WB);
-                momentum_B.angular -= robot.workspace().rotor_momentum(state);
+                momentum_B.angular -= robot.own().workspace().rotor_momentum(state);
                 BaseState {
-                    X_WB: robot.X_WB(),
+                    X_WB: robot.own().X_WB(),
                     momentum_B,
                 }
             }
@@ -260,7 +323,7 @@ impl Robot {
     pub fn efforts(&self) -> &DVector<f64> {
         match self {
             Self::Rigid(robot) => robot.own().efforts(),
-            Self::Flexible(robot) => robot.efforts(),
+            Self::Flexible(robot) => robot.own().efforts(),
         }
     }
 
@@ -269,7 +332,7 @@ impl Robot {
     pub fn hold_efforts(&mut self, efforts: &[f64]) -> bool {
         match self {
             Self::Rigid(robot) => robot.own_mut().hold_efforts(efforts),
-            Self::Flexible(robot) => robot.hold_efforts(efforts),
+            Self::Flexible(robot) => robot.own_mut().hold_efforts(efforts),
         }
     }
 
@@ -277,7 +340,7 @@ impl Robot {
     pub fn release(&mut self) {
         match self {
             Self::Rigid(robot) => robot.own_mut().release(),
-            Self::Flexible(robot) => robot.release(),
+            Self::Flexible(robot) => robot.own_mut().release(),
         }
     }
 
@@ -285,7 +348,7 @@ impl Robot {
     pub fn input_mut(&mut self) -> &mut Input {
         match self {
             Self::Rigid(robot) => robot.own_mut().input_mut(),
-            Self::Flexible(robot) => &mut robot.input_mut().tree,
+            Self::Flexible(robot) => &mut robot.own_mut().input_mut().tree,
         }
     }
 
@@ -340,21 +403,21 @@ impl FreeBody for Robot {
     fn is_finite(&self) -> bool {
         match self {
             Self::Rigid(robot) => robot.own().state().is_finite(),
-            Self::Flexible(robot) => robot.state().is_finite(),
+            Self::Flexible(robot) => robot.own().state().is_finite(),
         }
     }
 
     fn X_WB(&self) -> Pose {
         match self {
             Self::Rigid(robot) => FreeBody::X_WB(robot.own()),
-            Self::Flexible(robot) => robot.X_WB(),
+            Self::Flexible(robot) => robot.own().X_WB(),
         }
     }
 
     fn V_WB_B(&self) -> Twist {
         match self {
             Self::Rigid(robot) => *robot.own().workspace().V_WB_B(),
-            Self::Flexible(robot) => *robot.workspace().V_WB_B(),
+            Self::Flexible(robot) => *robot.own().workspace().V_WB_B(),
         }
     }
 
@@ -364,15 +427,15 @@ impl FreeBody for Robot {
     }
 
     fn move_base(&mut self, X_WB: &Isometry3<f64>, V_WB_B: &Twist) -> Result<(), String> {
+        if let Some(held) = self.held() {
+            return Err(format!("it holds {held}; detach it first"));
+        }
         match self {
-            Self::Rigid(robot) => match robot.held() {
-                Some(held) => Err(format!("it holds {held}; detach it first")),
-                None => robot.own_mut().move_base(X_WB, V_WB_B),
-            },
+            Self::Rigid(robot) => robot.own_mut().move_base(X_WB, V_WB_B),
             Self::Flexible(_) => try_to_move(self, |robot| {
                 if let Self::Flexible(robot) = robot {
-                    let mut state = robot.state().clone();
-                    let mut workspace = robot.workspace().clone();
+                    let mut state = robot.own().state().clone();
+                    let mut workspace = robot.own().workspace().clone();
                     state.set_base(&mut workspace, &with_matrix(X_WB), V_WB_B);
                     robot.set_state(state);
                 }
@@ -383,7 +446,10 @@ impl FreeBody for Robot {
     fn carried_momentum(&self) -> Momentum {
         let momentum_B = match self {
             Self::Rigid(robot) => robot.own().workspace().carried_momentum(),
-            Self::Flexible(robot) => robot.workspace().carried_momentum(robot.state()),
+            Self::Flexible(robot) => robot
+                .own()
+                .workspace()
+                .carried_momentum(robot.own().state()),
         };
         in_world(self.state(), &momentum_B)
     }
@@ -392,7 +458,7 @@ impl FreeBody for Robot {
         let (momentum_B, scale) = match self {
             Self::Rigid(robot) => robot.own().workspace().carried_momentum_and_scale(),
             Self::Flexible(robot) => {
-                let (workspace, state) = (robot.workspace(), robot.state());
+                let (workspace, state) = (robot.own().workspace(), robot.own().state());
                 (
                     workspace.carried_momentum(state),
                     workspace.momentum_scale(state),
@@ -405,21 +471,27 @@ impl FreeBody for Robot {
     fn kinetic_energy(&self) -> f64 {
         match self {
             Self::Rigid(robot) => robot.own().workspace().kinetic_energy(),
-            Self::Flexible(robot) => robot.workspace().kinetic_energy(robot.state()),
+            Self::Flexible(robot) => {
+                let robot = robot.own();
+                robot.workspace().kinetic_energy(robot.state())
+            }
         }
     }
 
     fn strain_energy(&self) -> f64 {
         match self {
             Self::Rigid(_) => 0.0,
-            Self::Flexible(robot) => robot.workspace().strain_energy(robot.state()),
+            Self::Flexible(robot) => {
+                let robot = robot.own();
+                robot.workspace().strain_energy(robot.state())
+            }
         }
     }
 
     fn lost_energy(&self) -> f64 {
         match self {
             Self::Rigid(_) => 0.0,
-            Self::Flexible(robot) => robot.state().losses().total(),
+            Self::Flexible(robot) => robot.own().state().losses().total(),
         }
     }
 }
@@ -430,7 +502,7 @@ impl Restorable for Robot {
     fn saved(&self) -> RobotState {
         match self {
             Self::Rigid(robot) => RobotState::Rigid(robot.own().state().clone()),
-            Self::Flexible(robot) => RobotState::Flexible(robot.state().clone()),
+            Self::Flexible(robot) => RobotState::Flexible(robot.own().state().clone()),
         }
     }
 
@@ -438,7 +510,7 @@ impl Restorable for Robot {
         match (self, saved) {
             (Self::Rigid(robot), RobotState::Rigid(saved)) => saved.copy_from(robot.own().state()),
             (Self::Flexible(robot), RobotState::Flexible(saved)) => {
-                saved.copy_from(robot.state());
+                saved.copy_from(robot.own().state());
             }
             (_, saved) => *saved = self.saved(),
         }

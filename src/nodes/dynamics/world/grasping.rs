@@ -14,6 +14,7 @@ use crate::{
     dynamics::{
         IntegrationMethod, JointPhysics, Momentum,
         capture::{Grasp, JointReaction},
+        flexible::FlexibleSystem,
     },
     nodes::{geometry::with_matrix, tip_frame},
 };
@@ -80,12 +81,8 @@ impl Grasps {
     /// A line that names the parameter.
     pub fn new(params: &DynamicsParams, robot: &Robot, targets: &[Target]) -> Result<Self, String> {
         if !params.grasps.is_empty() {
-            if robot.flexible().is_some() {
-                return Err(
-                    "parameter grasps: a robot with appendages, elastic joints, wheels or thrusters cannot hold targets yet; \
-                     remove one of the two"
-                        .to_owned(),
-                );
+            if let Some(robot) = robot.flexible() {
+                check_flexible(robot.system(), params, targets)?;
             }
             if robot.loops().is_some() {
                 return Err(
@@ -178,6 +175,39 @@ impl Grasps {
     }
 }
 
+/// Checks that a robot with flexible parts can hold the targets.
+///
+/// # Errors
+/// A line that names the parameter.
+fn check_flexible(
+    robot: &FlexibleSystem,
+    params: &DynamicsParams,
+    targets: &[Target],
+) -> Result<(), String> {
+    if !robot.is_gyrostat() {
+        return Err(
+            "parameter grasps: a robot with appendages, elastic links or elastic joints cannot hold targets; \
+             one with wheels and thrusters can; remove one of the two"
+                .to_owned(),
+        );
+    }
+    let is_held = |target: &&Target| params.grasps.iter().any(|g| g.target == target.name);
+    for target in targets.iter().filter(is_held) {
+        let name = &target.name;
+        let system = FlexibleSystem::builder(target.body.model()).build();
+        let system = system.map_err(|e| format!("parameter grasps: target '{name}': {e}"))?;
+        let joints: Vec<_> = system.unsimulated_joints(&params.joint_physics).collect();
+        if !joints.is_empty() {
+            return Err(format!(
+                "parameter grasps: friction, stops and speed limits of {} of target '{name}' are not simulated while a robot with \
+                 wheels or thrusters holds it; switch them off with joint_physics.friction, .stops and .velocity_limits",
+                joints.join(", ")
+            ));
+        }
+    }
+    Ok(())
+}
+
 /// Momentum and energy of the robot alone.
 struct Carried {
     momentum_W: Momentum,
@@ -232,10 +262,7 @@ impl World {
 
     /// Name of the target that the robot holds.
     pub fn held_target(&self) -> Option<&str> {
-        match &self.robot {
-            Robot::Rigid(robot) => robot.held(),
-            Robot::Flexible(_) => None,
-        }
+        self.robot.held()
     }
 
     /// The targets that a grasp of the robot can hold, or that it may touch.
@@ -278,9 +305,7 @@ impl World {
 
     /// Opens all grasps without a spring, because the state is about to be replaced.
     pub(in super::super) fn drop_held(&mut self) {
-        if let Some(robot) = self.robot.rigid_mut() {
-            robot.let_go();
-        }
+        self.robot.let_go();
         self.grasps.forget();
     }
 
@@ -354,12 +379,11 @@ impl World {
         let Grasping { params, grasp, .. } = &self.grasps.all[i];
         let at = |e: String| format!("grasp '{}': {e}", params.name);
         let index = self.target_index(&params.target).map_err(at)?;
-        let Some(robot) = self.robot.rigid() else {
-            return Err(at("the robot has flexible parts".to_owned()));
-        };
+        let X_WR = self.robot.X_WB() * self.robot.X_BF(&grasp.robot);
         let target = &self.targets[index].body;
-        (grasp.check_separation(robot, target, params.distance, params.angle))
-            .map_err(|e| at(e.to_string()))?;
+        let X_WT = target.X_WB() * target.workspace().X_BF(&grasp.target);
+        let apart = grasp.check_poses(&X_WR, &X_WT, params.distance, params.angle);
+        apart.map_err(|e| at(e.to_string()))?;
         Ok(index)
     }
 
@@ -390,11 +414,8 @@ impl World {
             grasps,
             ..
         } = self;
-        let Some(rigid) = robot.rigid_mut() else {
-            return Err(at("the robot has flexible parts".to_owned()));
-        };
         let body = &mut targets[index].body;
-        let lost = rigid
+        let lost = robot
             .grasp(
                 (&target, body),
                 &grasp,
@@ -415,12 +436,12 @@ impl World {
         let params = &self.grasps.all[i].params;
         let (target, spring) = (params.target.clone(), params.spring);
         let before = Carried::of(&self.robot);
-        match (self.target_index(&target), self.robot.rigid_mut()) {
-            (Ok(index), Some(robot)) => {
-                robot.release(&mut self.targets[index].body, spring.as_ref());
+        match self.target_index(&target) {
+            Ok(index) => {
+                let body = &mut self.targets[index].body;
+                self.robot.release_target(body, spring.as_ref());
             }
-            (_, Some(robot)) => robot.let_go(),
-            (_, None) => {}
+            Err(_) => self.robot.let_go(),
         }
         self.count_change_by_targets(&before, &ExternalChange::default());
         self.grasps.forget();
@@ -460,16 +481,15 @@ impl World {
         let Some(held) = self.held_target() else {
             return;
         };
-        if let (Ok(index), Robot::Rigid(robot)) = (self.target_index(held), &self.robot) {
-            robot.show_target(&mut self.targets[index].body);
+        if let Ok(index) = self.target_index(held) {
+            self.robot.show_target(&mut self.targets[index].body);
         }
     }
 
     /// Momentum that wrenches from outside have changed so far, and the work of all that acts on robot and target.
     fn known_change(&self) -> ExternalChange {
         let momentum_W = (self.wrenches.change()).map_or_else(Momentum::default, |c| c.momentum_W);
-        let work = (self.robot.rigid_whole()).map_or(0.0, |whole| whole.state().work);
-        let work = work - self.robot.contact_work();
+        let work = self.robot.whole_work() - self.robot.contact_work();
         ExternalChange { momentum_W, work }
     }
 

@@ -75,6 +75,11 @@ pub enum CaptureError {
         "'{0}' has deformable bodies or elastic joints; of robots with flexible parts only those with wheels and thrusters can grasp"
     )]
     Deformable(String),
+    /// A robot with wheels or thrusters holds a target already.
+    #[error(
+        "'{0}' holds the target already; a robot with wheels or thrusters cannot grasp it with a second frame"
+    )]
+    SecondGrasp(String),
     /// The joined system cannot have the robot's wheels and thrusters.
     #[error("with the target, the robot cannot have its wheels and thrusters: {0}")]
     Wheels(String),
@@ -146,9 +151,7 @@ impl Grasp {
         let at = |system: &Floating, frame: &Frame| {
             system.state().X_WB(system.workspace()) * system.workspace().X_BF(frame)
         };
-        let X_RT = at(robot, &self.robot).inverse() * at(target, &self.target);
-        let angle = UnitQuaternion::from_rotation_matrix(&X_RT.rotation).angle();
-        (X_RT.translation.vector.norm(), angle)
+        separation(&at(robot, &self.robot), &at(target, &self.target))
     }
 
     /// Checks that the frames are close enough to latch. A ball joint has no angle to respect.
@@ -162,7 +165,25 @@ impl Grasp {
         max_distance: f64,
         max_angle: f64,
     ) -> Result<(), CaptureError> {
-        let (distance, angle) = self.separation(robot, target);
+        let at = |system: &Floating, frame: &Frame| {
+            system.state().X_WB(system.workspace()) * system.workspace().X_BF(frame)
+        };
+        let (X_WR, X_WT) = (at(robot, &self.robot), at(target, &self.target));
+        self.check_poses(&X_WR, &X_WT, max_distance, max_angle)
+    }
+
+    /// As [`Grasp::check_separation`], for the poses of the robot's frame and of the target's.
+    ///
+    /// # Errors
+    /// [`CaptureError::Apart`].
+    pub fn check_poses(
+        &self,
+        X_WR: &Pose,
+        X_WT: &Pose,
+        max_distance: f64,
+        max_angle: f64,
+    ) -> Result<(), CaptureError> {
+        let (distance, angle) = separation(X_WR, X_WT);
         let is_turned = self.latch == Latch::Weld && angle > max_angle;
         if distance <= max_distance && !is_turned {
             return Ok(());
@@ -174,6 +195,13 @@ impl Grasp {
             max_angle,
         })
     }
+}
+
+/// Distance \[m\] and angle \[rad\] between two frames.
+fn separation(X_WR: &Pose, X_WT: &Pose) -> (f64, f64) {
+    let X_RT = X_WR.inverse() * X_WT;
+    let angle = UnitQuaternion::from_rotation_matrix(&X_RT.rotation).angle();
+    (X_RT.translation.vector.norm(), angle)
 }
 
 impl Captured {

@@ -122,3 +122,87 @@ fn a_motion_that_diverges_opens_the_grasp() {
             .all(|x| x.is_finite())
     );
 }
+
+/// Parameters of two wheels and a thruster.
+const WHEELS: &str = "    wheels: [wheel_x, wheel_z]\n    wheel_x:\n      axis: [1.0, 0.0, 0.0]\n      inertia: 0.2\n    \
+    wheel_z:\n      axis: [0.0, 0.0, 1.0]\n      inertia: 0.2\n      viscous_friction: 0.01\n    thrusters: [jet]\n    jet:\n      \
+    position: [0.5, 0.0, -0.7]\n      direction: [0.0, 1.0, 0.0]\n      thrust: 10.0\n";
+
+// Would break if the momentum of wheels were lost when a target is grasped, held or released, if wheels or thrusters did
+// not act while it is held, or if their effects were taken for those of the target.
+#[test]
+fn a_robot_with_wheels_and_thrusters_holds_a_target() {
+    let mut world = World::new(&params(WHEELS)).unwrap();
+    world.hold_wheel_torques([(0, 0.5), (1, -1.0)]);
+    step_to(&mut world, 0.5);
+    let (P, L) = momentum(&world);
+    let own = world.robot.state().momentum_W;
+    let energy = |world: &World| world.robot.kinetic_energy();
+    let own_energy = energy(&world);
+    let work = world.robot.whole_work();
+    let before = world.robot.flexible().unwrap().state().wheel_speeds()[0];
+    world.attach().unwrap();
+    step_to(&mut world, 1.0);
+    world.fire([(0, 0.25)]);
+    step_to(&mut world, 1.5);
+    let robot = world.robot.flexible().unwrap();
+    assert!(!robot.is_firing());
+    assert!((robot.state().thruster_impulses()[0] - 2.5).abs() < 1e-9);
+    // 0.5 N m for 1 s on 0.2 kg m2, less what the base turns.
+    let after = robot.state().wheel_speeds()[0];
+    assert!((after - before - 2.5).abs() < 0.1, "{before} {after}");
+    let pushed = world.external_change().unwrap().momentum_W;
+    assert!((pushed.linear.norm() - 2.5).abs() < 1e-3, "{pushed:?}");
+    let (P_now, _) = momentum(&world);
+    assert!((P_now - P - pushed.linear).norm() < 1e-12 * (1.0 + P.norm()));
+    let change = world.change_from_outside().unwrap();
+    let now = world.robot.state().momentum_W;
+    assert!((now.linear - own.linear - change.momentum_W.linear).norm() < 1e-11);
+    assert!((now.angular - own.angular - change.momentum_W.angular).norm() < 1e-11);
+    // What the targets have added explains the robot's energy, with the work of motors and thrusters.
+    let motors = world.robot.whole_work() - work;
+    assert!(motors.abs() > 1.0 && (energy(&world) - own_energy).abs() > 1e-3);
+
+    let (P, L_held) = momentum(&world);
+    world.detach().unwrap();
+    let (P_now, L_now) = momentum(&world);
+    assert!((P_now - P).norm() < 1e-12 && (L_now - L_held).norm() < 1e-12 * (1.0 + L.norm()));
+    step_to(&mut world, 2.0);
+    assert_eq!(world.held_target(), None);
+    world.reset_time();
+    world.reset_state();
+    world.attach().unwrap();
+    let again = world.attach().unwrap_err();
+    assert!(again.contains("closed already"), "{again}");
+}
+
+#[test]
+fn robots_that_bend_and_targets_with_stops_are_refused() {
+    let refused = |params: &DynamicsParams| World::new(params).err().expect("an error");
+    let mut bent = params("");
+    bent.flexible
+        .joints
+        .push(crate::dynamics::flexible::ElasticJoint {
+            joint: World::new(&bent).unwrap().robot.model().joints()[0]
+                .name
+                .clone(),
+            stiffness: 5000.0,
+            damping: 1.0,
+            rotor_inertia: 1e-3,
+            gear_ratio: 100.0,
+            rotor: crate::dynamics::flexible::RotorModel::Reduced,
+        });
+    let text = refused(&bent);
+    assert!(
+        text.starts_with("parameter grasps: ") && text.contains("elastic"),
+        "{text}"
+    );
+
+    let mut stopped = params(WHEELS);
+    stopped.targets[0].description = params("    urdf: package://fuyu/urdf/ur5.urdf\n").robot;
+    let text = refused(&stopped);
+    assert!(
+        text.contains("of target 'debris' are not simulated"),
+        "{text}"
+    );
+}

@@ -1,0 +1,141 @@
+//! A robot with flexible parts, wheels or thrusters that may hold a target.
+
+use crate::dynamics::{
+    Floating, IntegrationMethod, State,
+    capture::{CaptureError, CapturedGyrostat, Grasp, ReleaseSpring},
+    flexible::{FlexibleFloating, FlexibleForcing, FlexibleState},
+};
+
+/// A robot with flexible parts, wheels or thrusters. While it holds a target, the joined system of both is stepped; the
+/// robot itself has the motion that it has there, so that everything that looks at the robot need not know.
+pub struct FlexibleRobot {
+    own: FlexibleFloating,
+    held: Option<Held>,
+}
+
+/// The target that the robot holds.
+struct Held {
+    /// Name of the target.
+    target: String,
+    captured: CapturedGyrostat,
+}
+
+impl FlexibleRobot {
+    /// A robot that holds nothing.
+    pub fn new(own: FlexibleFloating) -> Self {
+        Self { own, held: None }
+    }
+
+    /// The robot itself.
+    pub fn own(&self) -> &FlexibleFloating {
+        &self.own
+    }
+
+    /// The robot itself, to be commanded. Its motion must not be changed while it holds something.
+    pub fn own_mut(&mut self) -> &mut FlexibleFloating {
+        &mut self.own
+    }
+
+    /// State of the robot with what it holds.
+    pub fn whole_state(&self) -> &FlexibleState {
+        match &self.held {
+            Some(held) => held.captured.floating().state(),
+            None => self.own.state(),
+        }
+    }
+
+    /// Name of the target that it holds.
+    pub fn held(&self) -> Option<&str> {
+        self.held.as_ref().map(|held| held.target.as_str())
+    }
+
+    /// Grasps a target; both get the motion after the impulse. Returns the energy that is lost \[J\].
+    ///
+    /// # Errors
+    /// [`CaptureError`], also if it holds the target already; nothing has changed then.
+    pub fn grasp(
+        &mut self,
+        (name, target): (&str, &mut Floating),
+        grasp: &Grasp,
+        method: IntegrationMethod,
+    ) -> Result<f64, CaptureError> {
+        if self.held.is_some() {
+            let robot = self.own.model().name().to_owned();
+            return Err(CaptureError::SecondGrasp(robot));
+        }
+        let (captured, impulse) = CapturedGyrostat::new(&self.own, target, grasp, method)?;
+        captured.show_robot(&mut self.own);
+        captured.show_target(target);
+        self.held = Some(Held {
+            target: name.to_owned(),
+            captured,
+        });
+        Ok(impulse.energy_lost)
+    }
+
+    /// Opens the grasp: robot and target move apart as `spring` pushes them.
+    pub fn release(&mut self, target: &mut Floating, spring: Option<&ReleaseSpring>) {
+        if let Some(held) = self.held.take() {
+            let released = held.captured.release(spring);
+            self.own.set_state(released.robot);
+            target.set_state(released.target);
+        }
+    }
+
+    /// Holds nothing any more; the robot keeps its motion.
+    pub fn let_go(&mut self) {
+        self.held = None;
+    }
+
+    /// Gives the target that it holds the motion that it has in the joined system.
+    pub fn show_target(&self, target: &mut Floating) {
+        if let Some(held) = &self.held {
+            held.captured.show_target(target);
+        }
+    }
+
+    /// Replaces the state; the robot holds nothing then.
+    pub fn set_state(&mut self, state: FlexibleState) {
+        self.let_go();
+        self.own.set_state(state);
+    }
+
+    /// Computes the accelerations of all frames under what acts now.
+    pub fn set_accelerations(&mut self) {
+        match &mut self.held {
+            Some(held) => {
+                held.captured.hold_robot_input(&self.own);
+                held.captured.show_robot_accelerations(&mut self.own);
+            }
+            None => self.own.set_accelerations(),
+        }
+    }
+
+    /// Advances by `steps` steps of `dt` \[s\] under the held input.
+    pub fn step(&mut self, dt: f64, steps: usize) {
+        match &mut self.held {
+            Some(held) => {
+                held.captured.hold_robot_input(&self.own);
+                held.captured.step(dt, steps);
+                held.captured.show_robot(&mut self.own);
+            }
+            None => self.own.step(dt, steps),
+        }
+    }
+
+    /// Advances by one step of `dt` \[s\] under the input that `forcing` makes of the held one at every stage.
+    pub fn step_with(&mut self, dt: f64, forcing: &mut impl FlexibleForcing) {
+        match &mut self.held {
+            Some(held) => {
+                held.captured.step_with(dt, &mut self.own, forcing);
+                held.captured.show_robot(&mut self.own);
+            }
+            None => self.own.step_with(dt, forcing),
+        }
+    }
+
+    /// Joints, base and momentum of the robot itself.
+    pub fn state(&self) -> &State {
+        &self.own.state().tree
+    }
+}
