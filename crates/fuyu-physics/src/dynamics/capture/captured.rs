@@ -1,12 +1,12 @@
 //! Robot and target joined by a grasp: one floating system.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 
+use super::grasp::{CaptureError, Grasp};
 use super::impulse::{JointReaction, Latch, LatchImpulses, LatchPair, System, close_latches};
 use super::parts::RobotPart;
 use crate::dynamics::{
-    Direction, Floating, IntegrationMethod, JointPhysics, LoopClosure, LoopError, Loops, Momentum,
-    State,
+    Direction, Floating, IntegrationMethod, JointPhysics, LoopClosure, Loops, Momentum, State,
 };
 use crate::model::{Connection, Frame, Joined, Model};
 use crate::spatial::{Pose, Twist};
@@ -17,76 +17,6 @@ const TILTED: f64 = 1.0;
 
 /// Gap \[m, rad, m/s, rad/s\] of a loop that an impulse has closed: rounding.
 const ROUNDING: f64 = 1e-9;
-
-/// A grasp: the frames that it joins and how.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Grasp {
-    /// Frame of the robot, one of its model's.
-    pub robot: Frame,
-    /// Frame of the target, on its base.
-    pub target: Frame,
-    /// What it holds.
-    pub latch: Latch,
-    /// Reaction of the robot's joints to the impulse, and from then on; locked joints stay where they are,
-    /// joints at held rates are free afterwards, for their servo to hold.
-    pub joints: JointReaction,
-}
-
-/// Why a grasp is not possible.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum CaptureError {
-    /// The robot's frame does not exist.
-    #[error(
-        "the grasp's frame '{frame}' is none of robot '{robot}'; give a link of its description"
-    )]
-    UnknownFrame {
-        /// The frame.
-        frame: String,
-        /// The robot.
-        robot: String,
-    },
-    /// The target is grasped by a link that moves relative to its base.
-    #[error("the grasp is on body {body} of target '{target}'; it must be on its base, body 0")]
-    NotOnBase {
-        /// The target.
-        target: String,
-        /// The body.
-        body: usize,
-    },
-    /// The frames are too far apart.
-    #[error(
-        "the frames of the grasp are {distance:.4} m and {angle:.4} rad apart; at most {max_distance} m and {max_angle} rad are allowed"
-    )]
-    Apart {
-        /// Distance \[m\].
-        distance: f64,
-        /// Angle \[rad\].
-        angle: f64,
-        /// Largest distance \[m\].
-        max_distance: f64,
-        /// Largest angle \[rad\].
-        max_angle: f64,
-    },
-    /// Robot or target is a mechanism with closed loops.
-    #[error("'{0}' has closed loops; only trees can grasp and be grasped")]
-    ClosedLoops(String),
-    /// The robot has deformable bodies or elastic joints.
-    #[error(
-        "'{0}' has deformable bodies or elastic joints; of robots with flexible parts only those with wheels and thrusters can grasp"
-    )]
-    Deformable(String),
-    /// A robot with wheels or thrusters holds a target already.
-    #[error(
-        "'{0}' holds the target already; a robot with wheels or thrusters cannot grasp it with a second frame"
-    )]
-    SecondGrasp(String),
-    /// The joined system cannot have the robot's wheels and thrusters.
-    #[error("with the target, the robot cannot have its wheels and thrusters: {0}")]
-    Wheels(String),
-    /// A loop that a second grasp would close is impossible.
-    #[error(transparent)]
-    Loop(#[from] LoopError),
-}
 
 /// Where a coordinate of the robot is now.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -122,86 +52,6 @@ pub struct Captured {
     pub(super) places: Vec<Place>,
     pub(super) part: RobotPart,
     prefix: String,
-}
-
-impl Grasp {
-    /// Checks that the frames are those of `robot` and of the base of `target`.
-    pub(super) fn check(&self, robot: &Model, target: &Floating) -> Result<(), CaptureError> {
-        if robot.frame(&self.robot.name) != Some(&self.robot) {
-            return Err(CaptureError::UnknownFrame {
-                frame: self.robot.name.clone(),
-                robot: robot.name().to_owned(),
-            });
-        }
-        let name = target.model().name();
-        if self.target.body != 0 {
-            return Err(CaptureError::NotOnBase {
-                target: name.to_owned(),
-                body: self.target.body,
-            });
-        }
-        if !target.loops().closures().is_empty() {
-            return Err(CaptureError::ClosedLoops(name.to_owned()));
-        }
-        Ok(())
-    }
-
-    /// Distance \[m\] and angle \[rad\] between the two frames.
-    pub fn separation(&self, robot: &Floating, target: &Floating) -> (f64, f64) {
-        let at = |system: &Floating, frame: &Frame| {
-            system.state().X_WB(system.workspace()) * system.workspace().X_BF(frame)
-        };
-        separation(&at(robot, &self.robot), &at(target, &self.target))
-    }
-
-    /// Checks that the frames are close enough to latch. A ball joint has no angle to respect.
-    ///
-    /// # Errors
-    /// [`CaptureError::Apart`].
-    pub fn check_separation(
-        &self,
-        robot: &Floating,
-        target: &Floating,
-        max_distance: f64,
-        max_angle: f64,
-    ) -> Result<(), CaptureError> {
-        let at = |system: &Floating, frame: &Frame| {
-            system.state().X_WB(system.workspace()) * system.workspace().X_BF(frame)
-        };
-        let (X_WR, X_WT) = (at(robot, &self.robot), at(target, &self.target));
-        self.check_poses(&X_WR, &X_WT, max_distance, max_angle)
-    }
-
-    /// As [`Grasp::check_separation`], for the poses of the robot's frame and of the target's.
-    ///
-    /// # Errors
-    /// [`CaptureError::Apart`].
-    pub fn check_poses(
-        &self,
-        X_WR: &Pose,
-        X_WT: &Pose,
-        max_distance: f64,
-        max_angle: f64,
-    ) -> Result<(), CaptureError> {
-        let (distance, angle) = separation(X_WR, X_WT);
-        let is_turned = self.latch == Latch::Weld && angle > max_angle;
-        if distance <= max_distance && !is_turned {
-            return Ok(());
-        }
-        Err(CaptureError::Apart {
-            distance,
-            angle,
-            max_distance,
-            max_angle,
-        })
-    }
-}
-
-/// Distance \[m\] and angle \[rad\] between two frames.
-fn separation(X_WR: &Pose, X_WT: &Pose) -> (f64, f64) {
-    let X_RT = X_WR.inverse() * X_WT;
-    let angle = UnitQuaternion::from_rotation_matrix(&X_RT.rotation).angle();
-    (X_RT.translation.vector.norm(), angle)
 }
 
 impl Captured {

@@ -7,7 +7,8 @@
 
 use nalgebra::Vector3;
 
-use super::captured::{CaptureError, Captured, Grasp};
+use super::captured::Captured;
+use super::grasp::{CaptureError, Grasp};
 use super::impulse::{LatchImpulses, LatchPair, System, close_latches};
 use super::parts::{RobotPart, read_robot, robot_accelerations};
 use super::release::{ReleaseSpring, push};

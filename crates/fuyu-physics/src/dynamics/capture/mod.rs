@@ -34,12 +34,14 @@
 //! ```
 
 mod captured;
+mod grasp;
 mod gyrostat;
 mod impulse;
 mod parts;
 mod release;
 
-pub use captured::{CaptureError, Captured, Grasp};
+pub use captured::Captured;
+pub use grasp::{CaptureError, Grasp};
 pub use gyrostat::{CapturedGyrostat, ReleasedGyrostat};
 pub use impulse::{
     JointReaction, Latch, LatchImpulses, LatchPair, System, close_latches, push_apart,

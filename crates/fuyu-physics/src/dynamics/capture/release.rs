@@ -2,7 +2,8 @@
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::captured::{Captured, Grasp, total_momentum};
+use super::captured::{Captured, total_momentum};
+use super::grasp::Grasp;
 use super::impulse::{Latch, LatchPair, System, push_apart};
 use crate::dynamics::{Dissipated, Momentum, State, Workspace};
 use crate::model::Frame;
