@@ -1,7 +1,7 @@
 //! A robot with flexible parts, wheels or thrusters that may hold a target.
 
 use crate::dynamics::{
-    Floating, IntegrationMethod, State,
+    Floating, IntegrationMethod,
     capture::{CaptureError, CapturedGyrostat, Grasp, ReleaseSpring},
     flexible::{FlexibleFloating, FlexibleForcing, FlexibleState},
 };
@@ -132,10 +132,5 @@ impl FlexibleRobot {
             }
             None => self.own.step_with(dt, forcing),
         }
-    }
-
-    /// Joints, base and momentum of the robot itself.
-    pub fn state(&self) -> &State {
-        &self.own.state().tree
     }
 }

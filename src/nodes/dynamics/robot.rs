@@ -260,7 +260,7 @@ impl Robot {
     pub fn state(&self) -> &State {
         match self {
             Self::Rigid(robot) => robot.own().state(),
-            Self::Flexible(robot) => robot.state(),
+            Self::Flexible(robot) => &robot.own().state().tree,
         }
     }
 

@@ -2,8 +2,8 @@
 //!
 //! The node feeds a [`CaptureMission`] with joint states, gyro, measured poses of the grasp frame and the estimator's
 //! prediction. It answers every state with joint efforts, and while it detumbles also with a couple on the base. It
-//! subscribes to nothing under `ground_truth/`. The couple is published on `wrench`: it stands for ideal thrusters, since a
-//! robot that grasps in a scenario cannot have thrusters yet.
+//! subscribes to nothing under `ground_truth/`. The couple is published on `wrench`: it stands for ideal thrusters,
+//! and is not yet shared among the wheels and thrusters that the robot has in the scenario.
 //!
 //! A mission begins by the action `capture`, or by itself with `autostart`. If a mission that began by itself is aborted, but
 //! not by an operator, the process exits with 1. The services `~/hold`, `~/resume`, `~/skip` and `~/abort`

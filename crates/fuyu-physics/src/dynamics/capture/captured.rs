@@ -69,26 +69,8 @@ impl Captured {
         if !robot.loops().closures().is_empty() {
             return Err(CaptureError::ClosedLoops(robot.model().name().to_owned()));
         }
-        let joints = vec![grasp.joints; robot.model().dof()];
-        let (mut of_robot, mut of_target) = (robot.workspace().clone(), target.workspace().clone());
-        let mut systems = [
-            System {
-                state: robot.state(),
-                workspace: &mut of_robot,
-                joints: &joints,
-            },
-            System {
-                state: target.state(),
-                workspace: &mut of_target,
-                joints: &[],
-            },
-        ];
-        let pair = LatchPair {
-            first: (0, &grasp.robot),
-            second: (1, &grasp.target),
-            latch: grasp.latch,
-        };
-        let impulses = close_latches(&mut systems, &[pair]);
+        let mut of_robot = robot.workspace().clone();
+        let impulses = grasp.close((robot.state(), &mut of_robot), target);
         let mut captured = Self::joined(robot, target, grasp, method, &impulses.states);
         captured.lose(impulses.energy_lost);
         Ok((captured, impulses))

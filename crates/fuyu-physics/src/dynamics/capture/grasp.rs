@@ -2,8 +2,8 @@
 
 use nalgebra::UnitQuaternion;
 
-use super::impulse::{JointReaction, Latch};
-use crate::dynamics::{Floating, LoopError};
+use super::impulse::{JointReaction, Latch, LatchImpulses, LatchPair, System, close_latches};
+use crate::dynamics::{Floating, LoopError, State, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::Pose;
 
@@ -99,12 +99,45 @@ impl Grasp {
         Ok(())
     }
 
+    /// The impulse at which the latch closes between a robot, with its scratch memory, and a target; the robot first.
+    pub(super) fn close(
+        &self,
+        (robot, of_robot): (&State, &mut Workspace),
+        target: &Floating,
+    ) -> LatchImpulses {
+        let joints = vec![self.joints; of_robot.model().dof()];
+        let mut of_target = target.workspace().clone();
+        let mut systems = [
+            System {
+                state: robot,
+                workspace: of_robot,
+                joints: &joints,
+            },
+            System {
+                state: target.state(),
+                workspace: &mut of_target,
+                joints: &[],
+            },
+        ];
+        let pair = LatchPair {
+            first: (0, &self.robot),
+            second: (1, &self.target),
+            latch: self.latch,
+        };
+        close_latches(&mut systems, &[pair])
+    }
+
+    /// Poses of the two frames in the world.
+    fn poses(&self, robot: &Floating, target: &Floating) -> [Pose; 2] {
+        [(robot, &self.robot), (target, &self.target)].map(|(system, frame)| {
+            system.state().X_WB(system.workspace()) * system.workspace().X_BF(frame)
+        })
+    }
+
     /// Distance \[m\] and angle \[rad\] between the two frames.
     pub fn separation(&self, robot: &Floating, target: &Floating) -> (f64, f64) {
-        let at = |system: &Floating, frame: &Frame| {
-            system.state().X_WB(system.workspace()) * system.workspace().X_BF(frame)
-        };
-        separation(&at(robot, &self.robot), &at(target, &self.target))
+        let [X_WR, X_WT] = self.poses(robot, target);
+        separation(&X_WR, &X_WT)
     }
 
     /// Checks that the frames are close enough to latch. A ball joint has no angle to respect.
@@ -118,10 +151,7 @@ impl Grasp {
         max_distance: f64,
         max_angle: f64,
     ) -> Result<(), CaptureError> {
-        let at = |system: &Floating, frame: &Frame| {
-            system.state().X_WB(system.workspace()) * system.workspace().X_BF(frame)
-        };
-        let (X_WR, X_WT) = (at(robot, &self.robot), at(target, &self.target));
+        let [X_WR, X_WT] = self.poses(robot, target);
         self.check_poses(&X_WR, &X_WT, max_distance, max_angle)
     }
 

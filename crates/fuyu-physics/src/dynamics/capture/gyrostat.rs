@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 
 use super::captured::Captured;
 use super::grasp::{CaptureError, Grasp};
-use super::impulse::{LatchImpulses, LatchPair, System, close_latches};
+use super::impulse::LatchImpulses;
 use super::parts::{RobotPart, read_robot, robot_accelerations};
 use super::release::{ReleaseSpring, push};
 use crate::dynamics::flexible::{
@@ -18,7 +18,6 @@ use crate::dynamics::flexible::{
 };
 use crate::dynamics::{Floating, IntegrationMethod, State, Workspace};
 use crate::model::Frame;
-use crate::spatial::Pose;
 
 /// A robot with wheels and thrusters, joined with a target by a grasp: the counterpart of [`Captured`] for a
 /// [`FlexibleSystem`] without deformable bodies and elastic joints. Springs and dampers of the target's joints act, friction,
@@ -64,26 +63,7 @@ impl CapturedGyrostat {
         grasp.check(system.model(), target)?;
         let mut free_wheels = FreeWheels::new(system);
         let (state, momenta) = free_wheels.without_wheels(robot.state(), robot.workspace());
-        let joints = vec![grasp.joints; system.model().dof()];
-        let mut of_target = target.workspace().clone();
-        let mut systems = [
-            System {
-                state: &state,
-                workspace: &mut free_wheels.workspace,
-                joints: &joints,
-            },
-            System {
-                state: target.state(),
-                workspace: &mut of_target,
-                joints: &[],
-            },
-        ];
-        let pair = LatchPair {
-            first: (0, &grasp.robot),
-            second: (1, &grasp.target),
-            latch: grasp.latch,
-        };
-        let mut impulses = close_latches(&mut systems, &[pair]);
+        let mut impulses = grasp.close((&state, &mut free_wheels.workspace), target);
         let after = free_wheels.with_wheels(robot.state(), &impulses.states[0], &momenta);
         impulses.states[0] = after.tree.clone();
         let mut of_robot = FlexibleWorkspace::new(system);
@@ -93,7 +73,7 @@ impl CapturedGyrostat {
         let states = [rigid, impulses.states[1].clone()];
         let mut locked = Captured::joined(&carrier, target, grasp, method, &states);
         locked.lose(impulses.energy_lost);
-        let floating = with_wheels(system, &locked, &after, method)?;
+        let floating = joined_system(system, &locked, &after, method)?;
         let captured = Self {
             floating,
             method,
@@ -255,7 +235,7 @@ impl CapturedGyrostat {
         });
         if self.locked.choose_axes_if_tilted() {
             // The joined system has been built of these parts before.
-            let joined = with_wheels(&self.robot, &self.locked, state, self.method);
+            let joined = joined_system(&self.robot, &self.locked, state, self.method);
             if let Ok(mut joined) = joined {
                 joined.input_mut().copy_from(self.floating.input());
                 self.floating = joined;
@@ -265,7 +245,7 @@ impl CapturedGyrostat {
 }
 
 /// The joined system: the tree `locked`, with the wheels and thrusters of `robot` in the state that they have in `parts`.
-fn with_wheels(
+fn joined_system(
     robot: &FlexibleSystem,
     locked: &Captured,
     parts: &FlexibleState,
@@ -308,20 +288,13 @@ impl FreeWheels {
         }
     }
 
-    /// The axis of wheel `i` in base axes, and its component of the angular velocity of the wheel's body \[rad/s\].
-    fn axis(
-        system: &FlexibleSystem,
-        i: usize,
-        motion: impl Fn(&Frame) -> (Pose, Vector3<f64>),
-    ) -> (Vector3<f64>, f64) {
+    /// Frame of the body that carries wheel `i`, and the wheel's axis in it.
+    fn carrier(system: &FlexibleSystem, i: usize) -> (&Frame, Vector3<f64>) {
         let (body, axis) = system.wheel_axis(i);
         let model = system.model();
-        let carrier = model
-            .frame(&model.bodies()[body].name)
-            .expect("bodies have frames");
-        let (X_0F, w) = motion(carrier);
-        let axis = X_0F.rotation * (carrier.X_BF.rotation.inverse() * *axis);
-        (axis, axis.dot(&w))
+        let frame = model.frame(&model.bodies()[body].name);
+        let frame = frame.expect("bodies have frames");
+        (frame, frame.X_BF.rotation.inverse() * *axis)
     }
 
     /// The robot without its wheels, and the angular momentum of each wheel about its axis \[N m s\].
@@ -333,9 +306,9 @@ impl FreeWheels {
         let mut tree = state.tree.clone();
         let mut momenta = Vec::new();
         for (i, wheel) in self.system.wheels().iter().enumerate() {
-            let (axis, along) = Self::axis(&self.system, i, |frame| {
-                (workspace.X_BF(frame), workspace.V_WF_B(frame).angular)
-            });
+            let (frame, axis_F) = Self::carrier(&self.system, i);
+            let axis = workspace.X_BF(frame).rotation * axis_F;
+            let along = axis.dot(&workspace.V_WF_B(frame).angular);
             let momentum = wheel.inertia * (along + state.wheel_speeds()[i]);
             tree.momentum_W.angular -= state.tree.R_WB * (axis * momentum);
             momenta.push(momentum);
@@ -355,9 +328,9 @@ impl FreeWheels {
         let mut state = parts.with_tree(tree.clone());
         for (i, momentum) in momenta.iter().enumerate() {
             let workspace = &self.workspace;
-            let (axis, along) = Self::axis(&self.system, i, |frame| {
-                (workspace.X_BF(frame), workspace.V_WF_B(frame).angular)
-            });
+            let (frame, axis_F) = Self::carrier(&self.system, i);
+            let axis = workspace.X_BF(frame).rotation * axis_F;
+            let along = axis.dot(&workspace.V_WF_B(frame).angular);
             let inertia = self.system.wheels()[i].inertia;
             state.wheel_speeds_mut()[i] = momentum / inertia - along;
             state.tree.momentum_W.angular += tree.R_WB * (axis * *momentum);
