@@ -228,6 +228,11 @@ fn hold(robot: &mut FlexibleFloating, tree: &mut Floating, burn: f64) {
     };
 }
 
+#[track_caller]
+fn near_vector(what: &str, found: &Vector3<f64>, expected: &Vector3<f64>) {
+    near(what, found.as_slice(), expected.as_slice(), 1e-10);
+}
+
 // Fails if wheels take part in the impulse with their inertia about their axes (base rates differ by 1 %), if their momentum
 // is lost, or if torques and thrusters act elsewhere than on the robot's base.
 #[test]
@@ -246,18 +251,8 @@ fn a_gyrostat_captures_moves_and_releases_as_a_tree_with_the_wheels_as_links() {
             Captured::new(&tree, &target, &of(tree.model()), METHOD).unwrap();
         let (on_hand, other_wrench) = (impulse.on_first[0], other.on_first[0]);
         assert!(on_hand.force.norm() > 1.0, "{on_hand:?}");
-        near(
-            "force",
-            on_hand.force.as_slice(),
-            other_wrench.force.as_slice(),
-            1e-10,
-        );
-        near(
-            "torque",
-            on_hand.torque.as_slice(),
-            other_wrench.torque.as_slice(),
-            1e-10,
-        );
+        near_vector("force", &on_hand.force, &other_wrench.force);
+        near_vector("torque", &on_hand.torque, &other_wrench.torque);
         near("loss", &[impulse.energy_lost], &[other.energy_lost], 1e-11);
         compare(&format!("{latch:?} at capture"), &found, &expected, 1e-10);
         let after = momentum(&[&found.floating().state().tree]);
@@ -295,18 +290,8 @@ fn a_gyrostat_captures_moves_and_releases_as_a_tree_with_the_wheels_as_links() {
         let hands = [robot.model(), tree.model()].map(|model| model.frame("hand").unwrap());
         let A = robot.workspace().A_WF_B(hands[0]);
         let A_other = tree.workspace().A_WF_B(hands[1]);
-        near(
-            "angular",
-            A.angular.as_slice(),
-            A_other.angular.as_slice(),
-            1e-10,
-        );
-        near(
-            "linear",
-            A.linear.as_slice(),
-            A_other.linear.as_slice(),
-            1e-10,
-        );
+        near_vector("angular", &A.angular, &A_other.angular);
+        near_vector("linear", &A.linear, &A_other.linear);
 
         let spring = ReleaseSpring {
             direction: Vector3::new(0.3, 0.1, -1.0),
