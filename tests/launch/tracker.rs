@@ -131,21 +131,37 @@ fn ids_stay_with_their_points_and_the_estimator_finds_the_motion() {
         println!("{frames} frames, residuals: median {median:.3} px, at most {most:.3} px");
         assert!(median < 0.3, "{residuals:?}");
         let rates = read::<Vector3Stamped>(&bag, "/estimator/angular_velocity");
-        let rate = rates.last().expect("an angular velocity");
-        let stamp = Time::from(&rate.header.stamp).as_nanos();
-        let w = &rate.vector;
-        let w = X_BC.rotation * Vector3::new(w.x, w.y, w.z);
-        let w_W = base[&stamp].rotation * w;
-        let at = |m: &&Odometry| Time::from(&m.header.stamp).as_nanos() == stamp;
-        let w = &odometry.iter().find(at).unwrap().twist.twist.angular;
-        let truth = target[&stamp].rotation * Vector3::new(w.x, w.y, w.z);
-        let error = (w_W - truth).norm();
+        let mut errors = Vec::new();
+        for rate in &rates {
+            let stamp = Time::from(&rate.header.stamp).as_nanos();
+            let at = |m: &&Odometry| Time::from(&m.header.stamp).as_nanos() == stamp;
+            let (Some(X_WB), Some(X_WT), Some(truth)) = (
+                base.get(&stamp),
+                target.get(&stamp),
+                odometry.iter().find(at),
+            ) else {
+                continue;
+            };
+            let w = &rate.vector;
+            let w_W = X_WB.rotation * (X_BC.rotation * Vector3::new(w.x, w.y, w.z));
+            let w = &truth.twist.twist.angular;
+            let truth = X_WT.rotation * Vector3::new(w.x, w.y, w.z);
+            errors.push((w_W - truth).norm() / truth.norm());
+        }
+        let last = *errors
+            .last()
+            .expect("angular velocities at times that are recorded");
+        errors.sort_by(f64::total_cmp);
+        let median = errors[errors.len() / 2];
         println!(
-            "angular velocity off by {error:.5} of {:.3} rad/s",
-            truth.norm()
+            "{} angular velocities: off by {:.1} % (median), {:.1} % at the end",
+            errors.len(),
+            100.0 * median,
+            100.0 * last
         );
-        // Usually 2 %. Wrong axes give more than 100 %.
-        assert!(error < 0.1 * truth.norm(), "{w_W} {truth}");
+        // Usually 1 %; wrong axes give more than 100 %. In about one run of thirty, points that slide pass for a change of the motion, and
+        // the estimate starts again from a few frames: this may happen shortly before the end.
+        assert!(median < 0.05 && last < 0.3, "{errors:?}");
     });
 }
 
