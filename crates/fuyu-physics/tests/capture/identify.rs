@@ -1,13 +1,17 @@
 //! Identification of a captured or pushed body (`inertia_id.json`).
 
-use fuyu_physics::dynamics::{State, Workspace};
+use fuyu_physics::control::capture::with_payload;
+use fuyu_physics::dynamics::flexible::{
+    FlexibleFloating, FlexibleState, FlexibleSystem, FlexibleWorkspace, Wheel,
+};
+use fuyu_physics::dynamics::{IntegrationMethod, State, Workspace};
 use fuyu_physics::estimation::inertia::{
     GyroSample, IdentificationError, InertiaParameters, Push, TwistSample, identify,
     identify_from_pushes, identify_from_twists,
 };
 use fuyu_physics::model::{Connection, Frame, Model, ModelBuilder};
-use fuyu_physics::spatial::Twist;
-use nalgebra::{DMatrix, DVector, Matrix3xX, SVector, Vector3};
+use fuyu_physics::spatial::{Pose, Twist};
+use nalgebra::{DMatrix, DVector, Matrix3xX, SVector, Unit, Vector3};
 use rand::SeedableRng;
 use rand::rngs::StdRng;
 use rand_distr::{Distribution, Normal};
@@ -25,6 +29,7 @@ fn gyro_samples(value: &Value) -> Vec<GyroSample> {
         w_WB_B: vector(&s["base_w_body"]),
         q: DVector::from_vec(numbers(&s["q"])),
         qd: DVector::from_vec(numbers(&s["qd"])),
+        wheels: Vector3::zeros(),
     };
     list(value).iter().map(sample).collect()
 }
@@ -54,6 +59,83 @@ fn nothing_is_identified_from_nothing() {
         IdentificationError::NotExcited { rank: 0, .. }
     ));
     assert!(identify_from_pushes(&[]).is_err());
+}
+
+/// Samples of the servicer that moves its arm and holds the body of the fixture, with wheels whose motors give `torques`
+/// \[N m\] from the speeds `speeds` \[rad/s\] on.
+fn gyro_samples_with_wheels(
+    held: &InertiaParameters,
+    speeds: [f64; 3],
+    torques: [f64; 3],
+) -> Vec<GyroSample> {
+    const SPIN: f64 = 0.3;
+    let model = servicer(0.0);
+    let whole = with_payload(&model, tool(&model), &held.rigid()).unwrap();
+    let base = &whole.frames()[0];
+    // Oblique, so that no axis of the base stands for a wheel.
+    let axes = [[1.0, 0.2, 0.0], [0.0, 1.0, -0.3], [0.4, 0.0, 1.0]];
+    let axes = axes.map(|axis| Unit::new_normalize(Vector3::from(axis)));
+    let mut builder = FlexibleSystem::builder(&whole);
+    for (i, axis) in axes.iter().enumerate() {
+        builder = builder.wheel(base, Wheel::new(&format!("wheel{i}"), *axis, SPIN));
+    }
+    let system = builder.build().unwrap();
+    let q = DVector::from_fn(whole.dof(), |j, _| 0.3 - 0.2 * j as f64);
+    let mut state = FlexibleState::at_rest_with(&system, &q);
+    state.wheel_speeds_mut().copy_from_slice(&speeds);
+    let V = Twist::new(Vector3::new(0.02, -0.03, 0.01), Vector3::zeros());
+    state.set_base(&mut FlexibleWorkspace::new(&system), &Pose::identity(), &V);
+    let mut robot = FlexibleFloating::new(&system, state, IntegrationMethod::Dop8);
+    robot.input_mut().wheel_torques.copy_from_slice(&torques);
+    let mut samples = Vec::new();
+    for k in 0..=1000 {
+        let time = f64::from(k) * 0.01;
+        for (j, effort) in robot.input_mut().tree.efforts.iter_mut().enumerate() {
+            let rate = 0.7 + 0.23 * j as f64;
+            *effort = [60.0, 80.0, 40.0, 4.0, 6.0, 3.0][j] * (rate * time + j as f64).cos();
+        }
+        if k % 20 == 0 {
+            let wheels = robot.state().wheel_speeds().iter().zip(&axes);
+            samples.push(GyroSample {
+                R_WB: robot.state().tree.R_WB,
+                w_WB_B: robot.workspace().V_WB_B().angular,
+                q: robot.state().tree.q.clone(),
+                qd: robot.state().tree.qd.clone(),
+                wheels: wheels.map(|(speed, axis)| axis.scale(SPIN * speed)).sum(),
+            });
+        }
+        robot.step(0.01, 1);
+    }
+    samples
+}
+
+// The wheels turn at 30 to 90 rad/s and are accelerated meanwhile: they have as much momentum as the moving arm, and are no
+// part of it. Without their momentum the result is not that of the body.
+#[test]
+fn wheels_that_turn_do_not_disturb_the_identification() {
+    let held = truth(&fixture("inertia_id"));
+    let model = servicer(0.0);
+    let mut samples = gyro_samples_with_wheels(&held, [60.0, -40.0, 90.0], [0.2, 0.4, -0.3]);
+    let found = identify(&model, tool(&model), &samples, None, 1e-4).unwrap();
+    near(
+        "with wheels",
+        found.inertia.to_vector().as_slice(),
+        held.to_vector().as_slice(),
+        1e-9,
+    );
+    assert!(found.residual < 1e-13, "{:e}", found.residual);
+    for sample in &mut samples {
+        sample.wheels = Vector3::zeros();
+    }
+    let wrong = identify(&model, tool(&model), &samples, None, 1e-4);
+    // A moment of inertia of -106 kg m² instead of 168 kg m².
+    assert!(wrong.is_err() || wrong.unwrap().residual > 1e-4);
+    samples[3].wheels.y = f64::NAN;
+    let error = identify(&model, tool(&model), &samples, None, 1e-4).unwrap_err();
+    assert!(matches!(
+        error,
+        IdentificationError::Sample { index: 3, .. }
+    ));
 }
 
 /// All ten parameters to 1e-9 from samples without noise. A frame that is not the grasp's, a term that is left out

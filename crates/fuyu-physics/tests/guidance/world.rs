@@ -327,7 +327,7 @@ impl World {
             q: &q,
             qd: &qd,
             w_B,
-            wheels: Vector3::zeros(),
+            wheel_speeds: &[],
         };
         let Command {
             efforts,

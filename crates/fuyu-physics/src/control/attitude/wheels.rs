@@ -141,6 +141,65 @@ impl WheelAllocator {
         speeds: Option<&[f64]>,
         period: f64,
     ) -> WheelAllocation {
+        self.set_bounds(speeds, period);
+        // A motor pushes its wheel one way and the base the other.
+        self.torques.gemv(-1.0, &self.inverse, torque, 0.0);
+        self.redistribute(torque);
+        if let Some(speeds) = speeds
+            && self.wheels.len() > 3
+        {
+            self.equalize(speeds);
+        }
+        WheelAllocation {
+            torque: -(&self.axes * &self.torques),
+            saturated: self.at_limit.iter().filter(|at| **at).count(),
+        }
+    }
+
+    /// Motor torques that give `bias` and the largest part, up to all, of `torque` on the base (base axes), within the limits
+    /// that hold for `period` \[s\] at `speeds` \[rad/s\]. Returns that part; `None`, with zero torques, where no part keeps
+    /// within the limits.
+    ///
+    /// # Panics
+    /// If there is not one speed per wheel.
+    pub fn allocate_part(
+        &mut self,
+        torque: &Vector3<f64>,
+        bias: &Vector3<f64>,
+        speeds: &[f64],
+        period: f64,
+    ) -> Option<f64> {
+        self.set_bounds(Some(speeds), period);
+        self.torques.gemv(-1.0, &self.inverse, bias, 0.0);
+        // As scratch.
+        self.balancing.gemv(-1.0, &self.inverse, torque, 0.0);
+        let (mut least, mut most) = (0.0_f64, 1.0_f64);
+        for i in 0..self.wheels.len() {
+            let (own, of_part) = (self.torques[i], self.balancing[i]);
+            let bounds = [self.lower[i], self.upper[i]];
+            if of_part == 0.0 {
+                if own < bounds[0] || own > bounds[1] {
+                    least = f64::INFINITY;
+                }
+                continue;
+            }
+            let [a, b] = bounds.map(|bound| (bound - own) / of_part);
+            least = least.max(a.min(b));
+            most = most.min(a.max(b));
+        }
+        if least > most {
+            self.torques.fill(0.0);
+            return None;
+        }
+        self.torques.axpy(most, &self.balancing, 1.0);
+        for i in 0..self.wheels.len() {
+            self.torques[i] = self.torques[i].max(self.lower[i]).min(self.upper[i]);
+        }
+        Some(most)
+    }
+
+    /// Sets the bounds of the motor torques that hold for `period` \[s\].
+    fn set_bounds(&mut self, speeds: Option<&[f64]>, period: f64) {
         if let Some(speeds) = speeds {
             assert_eq!(speeds.len(), self.wheels.len(), "one speed per wheel");
         }
@@ -154,18 +213,6 @@ impl WheelAllocator {
             };
             (self.lower[i], self.upper[i]) = (lower, upper);
             self.at_limit[i] = false;
-        }
-        // A motor pushes its wheel one way and the base the other.
-        self.torques.gemv(-1.0, &self.inverse, torque, 0.0);
-        self.redistribute(torque);
-        if let Some(speeds) = speeds
-            && self.wheels.len() > 3
-        {
-            self.equalize(speeds);
-        }
-        WheelAllocation {
-            torque: -(&self.axes * &self.torques),
-            saturated: self.at_limit.iter().filter(|at| **at).count(),
         }
     }
 

@@ -9,6 +9,7 @@
 //! | [`GripWatch`] | whether a gripper holds something, from the joint of its fingers |
 //! | [`TipImpedance`] | drives the tip as a mass with spring and damper; effective mass of the tip |
 //! | [`Detumbler`] | shares the angular momentum between thrusters and wheels, within limits at the grasp |
+//! | [`ThrusterPulses`] | turns a couple into on-times of thrusters |
 //! | [`Excitation`] | joint motions from which the target's inertia is identified |
 //! | [`CaptureMission`] | runs the phases; decides when to wait, retreat and abort |
 //!
@@ -33,11 +34,12 @@ mod rotation_forecast;
 mod shaping;
 mod shooting;
 mod target_track;
+mod thruster_pulses;
 mod tip_impedance;
 mod tip_mobility;
 
 pub use clearance::{Clearance, ClearanceConfig, Distances};
-pub use detumble::{DetumbleLimits, Detumbler, SharedCouple, Stack, WheelLimits};
+pub use detumble::{DetumbleLimits, Detumbler, SharedCouple, Stack};
 pub use excitation::Excitation;
 pub use frame_motion::FrameMotion;
 pub use grip_watch::GripWatch;
@@ -51,4 +53,5 @@ pub use plan::{JointLimitsShare, Objective, Plan, PlanError, Start};
 pub use rendezvous::{Rendezvous, RendezvousPlanner};
 pub use rotation_forecast::RotationForecast;
 pub use target_track::{TargetTrack, TrackConfig, Uncertainty};
+pub use thruster_pulses::ThrusterPulses;
 pub use tip_impedance::{TipImpedance, TipLaw, TipReport};

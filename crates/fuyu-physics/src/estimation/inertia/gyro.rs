@@ -44,6 +44,9 @@ pub struct GyroSample {
     pub q: DVector<f64>,
     /// Joint rates.
     pub qd: DVector<f64>,
+    /// Angular momentum of the wheels relative to the base, base axes \[N m s\]; zero without wheels. The robot's inertia
+    /// contains them as if they were locked.
+    pub wheels: Vector3<f64>,
 }
 
 /// The result of [`identify`].
@@ -62,12 +65,12 @@ pub struct Identified {
     pub residual: f64,
 }
 
-/// Angular momentum of one sample: `constant + linear β`, for joints that move and a base that does not turn, and
-/// for a base that turns at unit rate about each axis with joints at rest.
+/// Angular momentum of one sample: `constant + linear β`, for joints and wheels that move and a base that does not turn,
+/// and for a base that turns at unit rate about each axis with both at rest.
 struct Momentum {
     R_WB: Matrix3<f64>,
     measured: Vector3<f64>,
-    joints: (Vector3<f64>, SMatrix<f64, 3, 10>),
+    own: (Vector3<f64>, SMatrix<f64, 3, 10>),
     turning: [(Vector3<f64>, SMatrix<f64, 3, 10>); 3],
 }
 
@@ -76,17 +79,18 @@ impl Momentum {
         workspace.set_positions(&sample.q);
         let at_rest = DVector::zeros(sample.qd.len());
         let axis = |i: usize| terms(workspace, frame, &Vector3::ith(i, 1.0), &at_rest);
+        let (constant, linear) = terms(workspace, frame, &Vector3::zeros(), &sample.qd);
         Self {
             R_WB: *sample.R_WB.to_rotation_matrix().matrix(),
             measured: sample.w_WB_B,
-            joints: terms(workspace, frame, &Vector3::zeros(), &sample.qd),
+            own: (constant + sample.wheels, linear),
             turning: [axis(0), axis(1), axis(2)],
         }
     }
 
     /// Coefficients of `β`, and the part without, for a base that turns at `w`; base axes.
     fn at(&self, w: &Vector3<f64>) -> (Vector3<f64>, SMatrix<f64, 3, 10>) {
-        let (mut constant, mut linear) = self.joints;
+        let (mut constant, mut linear) = self.own;
         for (i, (c, l)) in self.turning.iter().enumerate() {
             constant += c * w[i];
             linear += l * w[i];
@@ -106,7 +110,7 @@ impl Momentum {
         momentum: &Vector3<f64>,
     ) -> Option<(Vector3<f64>, SMatrix<f64, 3, 10>, Matrix3<f64>)> {
         let inverse = self.inertia(beta).try_inverse()?;
-        let (constant, linear) = &self.joints;
+        let (constant, linear) = &self.own;
         let w = inverse * (self.R_WB.tr_mul(momentum) - constant - linear * beta);
         let (_, at) = self.at(&w);
         Some((w, -(inverse * at), inverse * self.R_WB.transpose()))
@@ -176,6 +180,7 @@ pub fn identify(
     for (index, sample) in samples.iter().enumerate() {
         let n = robot.dof();
         let values = sample.q.iter().chain(&sample.qd).chain(&sample.w_WB_B);
+        let values = values.chain(&sample.wheels);
         let problem = if sample.q.len() != n || sample.qd.len() != n {
             "it must have one position and one rate per joint of the robot"
         } else if !values

@@ -25,8 +25,8 @@ pub struct Sample<'a> {
     pub qd: &'a [f64],
     /// Angular velocity of the base by the gyro, base axes \[rad/s\].
     pub w_B: Vector3<f64>,
-    /// Angular momentum of the wheels relative to the base, base axes \[N m s\]; zero without wheels.
-    pub wheels: Vector3<f64>,
+    /// Speeds of the wheels relative to the base \[rad/s\]; empty for a mission without wheels.
+    pub wheel_speeds: &'a [f64],
 }
 
 /// Commands of the mission.
@@ -34,10 +34,13 @@ pub struct Sample<'a> {
 pub struct Command<'a> {
     /// Joint efforts \[N m or N\].
     pub efforts: &'a [f64],
-    /// Couple on the base, by thrusters, base axes \[N m\].
+    /// External couple on the base, base axes \[N m\]: by ideal thrusters, or the mean of what `on_times` give.
     pub couple: Vector3<f64>,
-    /// Couple on the base, by wheels, base axes \[N m\].
-    pub wheel_couple: Vector3<f64>,
+    /// Motor torques of the wheels \[N m\]; empty for a mission without wheels.
+    pub wheel_torques: &'a [f64],
+    /// How long thrusters are on from now on \[s\]. `None` while an earlier command lasts, and for a mission without
+    /// thrusters.
+    pub on_times: Option<&'a [f64]>,
     /// The gripper.
     pub gripper: Gripper,
 }
@@ -49,10 +52,14 @@ pub enum MissionError {
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// A measurement that is not finite, or does not fit the robot.
-    #[error("a sample of {joints} joints with finite values is needed: {problem}")]
+    #[error(
+        "a sample of {joints} joints and {wheels} wheels with finite values is needed: {problem}"
+    )]
     Sample {
         /// Number of the robot's joints.
         joints: usize,
+        /// Number of wheels.
+        wheels: usize,
         /// What is wrong.
         problem: &'static str,
     },

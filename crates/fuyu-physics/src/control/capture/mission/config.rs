@@ -196,10 +196,6 @@ impl CaptureConfig {
         ] {
             check_positive(name, value)?;
         }
-        if let Some(wheels) = self.detumble.wheels {
-            check_positive("wheel_torque", wheels.torque)?;
-            check_positive("wheel_momentum", wheels.momentum)?;
-        }
         check_positive("approach_axis", self.approach_axis.norm())?;
         for time in &self.approach_times {
             check_positive("approach_times", *time)?;

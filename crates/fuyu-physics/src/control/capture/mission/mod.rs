@@ -20,13 +20,16 @@ use nalgebra::{DVector, UnitQuaternion, Vector3};
 
 use super::Clearance;
 use super::FrameMotion;
+use super::detumble::Detumbler;
 use super::own_motion::OwnMotion;
 use super::payload::with_payload;
 use super::plan::Plan;
 use super::rendezvous::RendezvousPlanner;
 use super::rotation_forecast::RotationForecast;
 use super::target_track::TargetTrack;
+use super::thruster_pulses::ThrusterPulses;
 use super::tip_impedance::TipImpedance;
+use crate::control::attitude::WheelAllocator;
 use crate::control::commander::{JointPoint, JointServo, JointSpline};
 use crate::control::gains::ConfigError;
 use crate::dynamics::Workspace;
@@ -116,12 +119,17 @@ pub struct CaptureMission {
     waited: f64,
     /// How often an approach was interrupted, pauses not counted.
     interruptions: u32,
-    /// Momentum of the wheels, base axes \[N m s\].
-    wheels: Vector3<f64>,
+    detumbler: Detumbler,
+    thrusters: Option<ThrusterPulses>,
+    /// Speeds of the wheels \[rad/s\].
+    wheel_speeds: Vec<f64>,
     /// The condition that it waits for.
     note: String,
     efforts: DVector<f64>,
-    couple: (Vector3<f64>, Vector3<f64>),
+    /// External couple on the base, base axes \[N m\].
+    couple: Vector3<f64>,
+    /// Common centre of mass, base axes \[m\], while a couple acts.
+    p_BC: Vector3<f64>,
     gripper: Gripper,
 }
 
@@ -167,15 +175,31 @@ impl CaptureMission {
             last: None,
             waited: 0.0,
             interruptions: 0,
-            wheels: Vector3::zeros(),
+            detumbler: Detumbler::new(config.detumble, stabilise::TIME_CONSTANT),
+            thrusters: None,
+            wheel_speeds: Vec::new(),
             note: String::new(),
             efforts: DVector::zeros(n),
-            couple: (Vector3::zeros(), Vector3::zeros()),
+            couple: Vector3::zeros(),
+            p_BC: Vector3::zeros(),
             gripper: Gripper::Open,
             model: model.clone(),
             tip: tip.clone(),
             config,
         })
+    }
+
+    /// With wheels of the base, which take the momentum of robot and target as far as they can.
+    pub fn with_wheels(mut self, wheels: WheelAllocator) -> Self {
+        self.wheel_speeds = vec![0.0; wheels.wheels().len()];
+        self.detumbler = self.detumbler.with_wheels(wheels);
+        self
+    }
+
+    /// With thrusters of the base, whose pulses give the external couple.
+    pub fn with_thrusters(mut self, thrusters: ThrusterPulses) -> Self {
+        self.thrusters = Some(thrusters);
+        self
     }
 
     /// The settings.
@@ -383,17 +407,25 @@ impl CaptureMission {
     /// [`MissionError::Sample`].
     pub fn step(&mut self, sample: &Sample) -> Result<Command<'_>, MissionError> {
         let n = self.model.dof();
-        let refuse = |problem| MissionError::Sample { joints: n, problem };
+        let wheels = self.wheel_speeds.len();
+        let refuse = |problem| MissionError::Sample {
+            joints: n,
+            wheels,
+            problem,
+        };
         if sample.q.len() != n || sample.qd.len() != n {
             return Err(refuse("another number of joints"));
         }
+        if sample.wheel_speeds.len() != wheels {
+            return Err(refuse("another number of wheels"));
+        }
         let values = sample.q.iter().chain(sample.qd).chain(sample.w_B.iter());
-        let values = values.chain(sample.wheels.iter());
+        let values = values.chain(sample.wheel_speeds);
         if !values.chain([&sample.time]).all(|x| x.is_finite()) {
             return Err(refuse("a value is not finite"));
         }
         let Sample { time, q, qd, .. } = *sample;
-        self.wheels = sample.wheels;
+        self.wheel_speeds.copy_from_slice(sample.wheel_speeds);
         let restarted = self.own.add(time, q, qd, &sample.w_B);
         let before = self.last.replace(time);
         let waits = matches!(self.stage, Stage::Observe | Stage::Plan(_)) && !self.is_paused;
@@ -408,7 +440,8 @@ impl CaptureMission {
             self.relative.clear();
         }
         self.take_measurements(time);
-        self.couple = (Vector3::zeros(), Vector3::zeros());
+        self.couple = Vector3::zeros();
+        self.detumbler.release();
         let stage = std::mem::replace(&mut self.stage, Stage::Rest);
         self.stage = match stage {
             Stage::Observe => self.observe(time),
@@ -427,10 +460,13 @@ impl CaptureMission {
         if !self.efforts.iter().all(|x| x.is_finite()) {
             self.efforts.fill(0.0);
         }
+        let (couple, p_BC) = (&self.couple, &self.p_BC);
+        let thrusters = self.thrusters.as_mut();
         Ok(Command {
             efforts: self.efforts.as_slice(),
-            couple: self.couple.0,
-            wheel_couple: self.couple.1,
+            couple: *couple,
+            wheel_torques: self.detumbler.wheel_torques(),
+            on_times: thrusters.and_then(|pulses| pulses.follow(time, couple, p_BC)),
             gripper: self.gripper,
         })
     }

@@ -6,14 +6,14 @@ use super::{AfterStop, CaptureMission, Gripper, Phase, Stage};
 use crate::control::capture::excitation_load;
 use crate::control::capture::payload::{presumed, with_payload};
 use crate::control::capture::plan::{quintic, quintic_at};
-use crate::control::capture::{Detumbler, Excitation, inertial_state, payload};
+use crate::control::capture::{Excitation, inertial_state, payload};
 use crate::control::commander::{JointPoint, JointSpline};
 use crate::dynamics::Workspace;
 use crate::estimation::inertia::{GyroSample, identify};
 use crate::spatial::RigidInertia;
 
 /// Time constant of the end of detumbling \[s\].
-const TIME_CONSTANT: f64 = 3.0;
+pub(super) const TIME_CONSTANT: f64 = 3.0;
 /// How long the rotation must have been slow \[s\].
 const CALM: f64 = 1.0;
 /// Time between two samples for the identification \[s\].
@@ -166,9 +166,11 @@ impl CaptureMission {
         let whole = inertial_state(&mut held.workspace, own.time, attitude, (&own.q, &own.qd));
         let momentum = (whole.momentum_W).expressed_in(&whole.R_WB).angular;
         let stack = payload::stack(&held.workspace, &self.tip, &held.payload);
-        let detumbler = Detumbler::new(self.config.detumble, TIME_CONSTANT);
-        let shared = detumbler.couple(&stack, w, &momentum, &self.wheels);
-        self.couple = (shared.thrusters, shared.wheels);
+        let speeds = &self.wheel_speeds;
+        let shared = self.detumbler.couple(&stack, w, &momentum, speeds);
+        self.couple = shared.thrusters;
+        self.p_BC = stack.com;
+        let of_wheels = self.detumbler.wheel_momentum(speeds);
         let report = self.report();
         report.raise("largest angular momentum", momentum.norm(), "N m s");
         report.raise(
@@ -182,6 +184,9 @@ impl CaptureMission {
             "N m",
         );
         report.raise("largest couple", shared.thrusters.norm(), "N m");
+        if of_wheels != Vector3::zeros() {
+            report.raise("largest momentum of the wheels", of_wheels.norm(), "N m s");
+        }
     }
 
     /// Opens the gripper after a slip, and stops.
@@ -255,6 +260,7 @@ impl CaptureMission {
                 w_WB_B: *self.own.w_IB_B(),
                 q: state.q.clone(),
                 qd: state.qd.clone(),
+                wheels: self.detumbler.wheel_momentum(&self.wheel_speeds),
             });
             identifying.sampled = time;
         }
