@@ -17,7 +17,7 @@ use crate::{
         dynamics::{FreeBody as _, World, imu},
         features::rectified,
         geometry::{message_round_trip, vector_from_msg, with_matrix},
-        mission::{Fingers, Grip, forecast},
+        mission::{Actuators, Fingers, Grip, forecast},
         scenario::Scenario,
         tip_frame,
         topics::Topic,
@@ -56,6 +56,7 @@ pub struct Capturing {
     features: Vec<FeatureFrame>,
     predictions: Vec<crate::msg::nav_msgs::Path>,
     gripper: Gripper,
+    actuators: Actuators,
     pushes: bool,
     /// How long a couple on the base acts if no other one follows \[s\].
     couple_timeout: f64,
@@ -133,6 +134,12 @@ pub struct CaptureAnswer<'a> {
     pub efforts: Vec<f64>,
     /// Couple on the base \[N m\], if it commands one.
     pub couple: Option<Vector3<f64>>,
+    /// Wheels and thrusters in use.
+    pub actuators: &'a Actuators,
+    /// Motor torques of the wheels in use.
+    pub wheel_torques: Vec<f64>,
+    /// On-times of the thrusters in use, if it commands some.
+    pub on_times: Option<Vec<f64>>,
 }
 
 impl Capturing {
@@ -195,6 +202,7 @@ impl Capturing {
             features: Vec::new(),
             predictions: Vec::new(),
             gripper: Gripper::Open,
+            actuators: params.actuators,
             pushes: false,
             couple_timeout: scenario.dynamics()?.motions.wrench_timeout,
             load: GraspLoad::default(),
@@ -204,6 +212,11 @@ impl Capturing {
     /// The mission.
     pub fn mission(&self) -> &CaptureMission {
         &self.mission
+    }
+
+    /// Wheels and thrusters in use.
+    pub fn actuators(&self) -> &Actuators {
+        &self.actuators
     }
 
     /// Index of the target among those of the world.
@@ -277,18 +290,30 @@ impl Capturing {
         {
             self.mission.set_grip(Some(holds));
         }
+        let wheel_speeds = match world.robot.flexible() {
+            Some(robot) if self.actuators.has_wheels() => robot.state().wheel_speeds(),
+            _ => &[],
+        };
         let sample = Sample {
             time,
             q: &q,
             qd: &qd,
             w_B,
-            wheels: Vector3::zeros(),
+            wheel_speeds,
         };
         let command = self.mission.step(&sample).map_err(|e| at(e.to_string()))?;
         let (efforts, couple) = (command.efforts.to_vec(), command.couple);
+        let wheel_torques = command.wheel_torques.to_vec();
+        let on_times = command.on_times.map(<[f64]>::to_vec);
         let gripper = command.gripper;
         world.hold_efforts(self.joints.iter().copied().zip(efforts.iter().copied()));
-        let pushes = couple.norm() > 0.0;
+        if self.actuators.has_wheels() {
+            world.hold_wheel_torques(wheel_torques.iter().copied().enumerate());
+        }
+        if let Some(on_times) = &on_times {
+            world.fire(on_times.iter().copied().enumerate());
+        }
+        let pushes = couple.norm() > 0.0 && !self.actuators.has_thrusters();
         let couple = (pushes || self.pushes).then_some(couple);
         self.pushes = pushes;
         if let Some(couple) = couple {
@@ -304,6 +329,9 @@ impl Capturing {
             mission: &self.mission,
             efforts,
             couple,
+            actuators: &self.actuators,
+            wheel_torques,
+            on_times,
         })
     }
 

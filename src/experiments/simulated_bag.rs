@@ -201,6 +201,9 @@ impl TargetTopics {
 struct CaptureTopics {
     prediction: TopicId,
     wrench: TopicId,
+    /// If the mission uses wheels and thrusters.
+    wheels: Option<TopicId>,
+    thrusters: Option<TopicId>,
     state: TopicId,
     timer: mission::StateTimer,
 }
@@ -288,9 +291,15 @@ impl RobotTopics {
                         None => Some(w.add(&topics::CONTROLLER_STATE)?),
                     },
                     capture: match run.capturing() {
-                        Some(_) => Some(CaptureTopics {
+                        Some(capturing) => Some(CaptureTopics {
                             prediction: w.add(&topics::PREDICTION)?,
                             wrench: w.add(&topics::WRENCH)?,
+                            wheels: (capturing.actuators().has_wheels())
+                                .then(|| w.add(&topics::WHEEL_COMMANDS))
+                                .transpose()?,
+                            thrusters: (capturing.actuators().has_thrusters())
+                                .then(|| w.add(&topics::THRUSTER_COMMANDS))
+                                .transpose()?,
                             state: w.add(&topics::MISSION_STATE)?,
                             timer: mission::StateTimer::default(),
                         }),
@@ -463,6 +472,16 @@ impl SimulatedBag {
             if let Some(couple) = &capture.couple {
                 let message = mission::couple(header.clone(), couple);
                 w.write_message(topics.wrench, log, &message)?;
+            }
+            let used = capture.actuators;
+            if let (Some(topic), Some(times)) = (topics.thrusters, &capture.on_times) {
+                let message = mission::on_times(used.thrusters(), header.clone(), times);
+                w.write_message(topic, log, &message)?;
+            }
+            if let Some(topic) = topics.wheels {
+                let torques = &capture.wheel_torques;
+                let message = mission::wheel_torques(used.wheels(), header.clone(), torques);
+                w.write_message(topic, log, &message)?;
             }
             if topics.timer.is_due(capture.mission, time) {
                 let state = mission::state(capture.mission, header.clone());

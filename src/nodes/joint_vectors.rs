@@ -20,6 +20,22 @@ pub fn velocities(model: &Model, message: &JointState) -> Result<DVector<f64>, S
     by_name(model, &message.name, &message.velocity, "velocity")
 }
 
+/// Speeds of wheels in the order of `names` \[rad/s\].
+///
+/// # Errors
+/// Names the wheel that is missing.
+pub fn wheel_speeds<'a>(
+    names: impl IntoIterator<Item = &'a str>,
+    message: &JointState,
+) -> Result<Vec<f64>, String> {
+    let speed = |name: &str| {
+        let at = message.name.iter().position(|known| known == name);
+        let value = at.and_then(|at| message.velocity.get(at)).copied();
+        value.ok_or_else(|| format!("has no velocity for wheel '{name}'"))
+    };
+    names.into_iter().map(speed).collect()
+}
+
 fn by_name(
     model: &Model,
     names: &[String],

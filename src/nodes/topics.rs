@@ -95,7 +95,7 @@ topics! {
     /// Points of the appendages, and how modes move them.
     APPENDAGE_OUTLINES: Topic<AppendageOutlines> = "ground_truth/appendage_outlines", LATCHED, ["dynamics"] => ["views"];
     /// Angles, speeds and mean motor torques of the wheels.
-    WHEEL_STATES: Topic<JointState> = "wheel_states", RELIABLE, ["dynamics"] => ["attitude"];
+    WHEEL_STATES: Topic<JointState> = "wheel_states", RELIABLE, ["dynamics"] => ["attitude", "mission"];
     /// What external wrenches, thrusters, grasps and contacts have changed of the robot; from the first one on.
     EXTERNAL_IMPULSE: Topic<ExternalImpulse> = "ground_truth/external_impulse", RELIABLE, ["dynamics"] => ["recorder"];
     /// What the links beyond a joint exert on the rest of the robot, as its force and torque sensor measures it.
@@ -107,9 +107,9 @@ topics! {
     /// How long after the state that they answer efforts act \[s\]; where time does not wait for answers.
     COMMAND_DELAY: Topic<Float64> = "command_delay", RELIABLE, ["dynamics"] => ["controller"];
     /// Motor torques of the wheels to hold, as efforts.
-    WHEEL_COMMANDS: Topic<JointState> = "wheel_commands", RELIABLE, ["attitude"] => ["dynamics"];
+    WHEEL_COMMANDS: Topic<JointState> = "wheel_commands", RELIABLE, ["attitude", "mission"] => ["dynamics"];
     /// How long thrusters are on.
-    THRUSTER_COMMANDS: Topic<ThrusterCommands> = "thruster_commands", RELIABLE, ["attitude"] => ["dynamics"];
+    THRUSTER_COMMANDS: Topic<ThrusterCommands> = "thruster_commands", RELIABLE, ["attitude", "mission"] => ["dynamics"];
     /// Reference of the base's attitude in the world.
     ATTITUDE_TARGET: Topic<QuaternionStamped> = "attitude_target", RELIABLE, ["you"] => ["attitude"];
     /// A trajectory for some of the joints.

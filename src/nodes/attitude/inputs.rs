@@ -5,7 +5,6 @@ use std::time::Duration;
 use super::{AttitudeLoop, health::Refusals};
 use crate::{
     control::{Stamp, attitude::StarTrackerUse},
-    dynamics::flexible::FlexibleSystem,
     msg::{
         builtin_interfaces,
         geometry_msgs::QuaternionStamped,
@@ -99,7 +98,9 @@ impl Inputs {
             }
         });
         each(&self.wheel_states, refusals, |message| {
-            let speeds = wheel_speeds(attitude.system(), message)?;
+            let wheels = attitude.system().wheels().iter();
+            let names = wheels.map(|wheel| wheel.name.as_str());
+            let speeds = joint_vectors::wheel_speeds(names, message)?;
             let stamp = stamp(&message.header.stamp);
             let added = attitude.add_wheel_speeds(stamp, &speeds);
             added.map_err(|e| e.to_string())?;
@@ -144,20 +145,6 @@ fn each<M: crate::msg::Interface>(
             refusals.note(format!("{}: {problem}; it is ignored", topic.topic()));
         }
     }
-}
-
-/// Speeds of the wheels in the order of the robot's parts.
-fn wheel_speeds(system: &FlexibleSystem, message: &JointState) -> Result<Vec<f64>, String> {
-    let speed = |name: &str| {
-        let at = message.name.iter().position(|known| known == name);
-        let value = at.and_then(|at| message.velocity.get(at)).copied();
-        value.ok_or_else(|| format!("has no velocity for wheel '{name}'"))
-    };
-    system
-        .wheels()
-        .iter()
-        .map(|wheel| speed(&wheel.name))
-        .collect()
 }
 
 #[cfg(test)]

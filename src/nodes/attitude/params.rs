@@ -1,7 +1,5 @@
 //! Parameters of the attitude node.
 
-use std::path::PathBuf;
-
 use nalgebra::{Matrix3, UnitQuaternion};
 
 use crate::{
@@ -9,10 +7,7 @@ use crate::{
         AttitudeControllerConfig, AttitudeFilterConfig, AttitudeLawConfig, DoubleLoopConfig, Dvdfb,
         GyroErrors, LqrWeights, RegulatorConfig, UnloadingConfig,
     },
-    nodes::{
-        choice, dynamics::FlexibleParams, geometry::unit_quaternion, placement::finite,
-        resource::Lookup,
-    },
+    nodes::{choice, dynamics::FlexibleParams, geometry::unit_quaternion, placement::finite},
     ros::{Declare, Lifecycle, Param},
 };
 
@@ -77,19 +72,7 @@ impl AttitudeParams {
 
     /// The same with the parameter `law`, which may change while the node runs.
     pub(super) fn declare_live(declare: &mut Declare) -> Result<(Self, Param<String>), String> {
-        let packages: Vec<String> = declare
-            .param(
-                "package_folders",
-                Vec::<String>::new(),
-                "Folders with ROS packages, searched for package://PACKAGE/PATH before those of the environment",
-            )
-            .read_only()
-            .value();
-        let lookup = |declare: &Declare, name: &str| Lookup {
-            folder: declare.folder_of(name),
-            packages: packages.iter().map(PathBuf::from).collect(),
-        };
-        let flexible = FlexibleParams::declare(declare, &lookup);
+        let flexible = FlexibleParams::declare_with_packages(declare);
         let live = choice::declare(
             declare,
             "law",

@@ -5,7 +5,7 @@ use crate::{
     model::Model,
     msg::{
         fuyu_msgs::{
-            MissionState,
+            MissionState, ThrusterCommands,
             capture::{Feedback, Outcome},
         },
         geometry_msgs::{self, WrenchStamped},
@@ -54,6 +54,33 @@ pub fn efforts(model: &Model, header: Header, efforts: &[f64]) -> JointState {
         name: model.joints().iter().map(|j| j.name.clone()).collect(),
         effort: efforts.to_vec(),
         ..JointState::default()
+    }
+}
+
+/// Motor torques of wheels as a message.
+pub fn wheel_torques<'a>(
+    names: impl IntoIterator<Item = &'a str>,
+    header: Header,
+    torques: &[f64],
+) -> JointState {
+    JointState {
+        header,
+        name: names.into_iter().map(str::to_owned).collect(),
+        effort: torques.to_vec(),
+        ..JointState::default()
+    }
+}
+
+/// On-times of thrusters as a message.
+pub fn on_times<'a>(
+    names: impl IntoIterator<Item = &'a str>,
+    header: Header,
+    on_times: &[f64],
+) -> ThrusterCommands {
+    ThrusterCommands {
+        header,
+        name: names.into_iter().map(str::to_owned).collect(),
+        on_time: on_times.to_vec(),
     }
 }
 

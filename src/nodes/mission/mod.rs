@@ -1,25 +1,25 @@
 //! The mission node: captures a target that the estimator observes.
 //!
 //! The node feeds a [`CaptureMission`] with joint states, gyro, measured poses of the grasp frame and the estimator's
-//! prediction. It answers every state with joint efforts, and while it detumbles also with a couple on the base. It
-//! subscribes to nothing under `ground_truth/`. The couple is published on `wrench`: it stands for ideal thrusters,
-//! and is not yet shared among the wheels and thrusters that the robot has in the scenario.
+//! prediction. It answers every state with joint efforts. While it detumbles, wheels of the robot take momentum by
+//! torques on `wheel_commands`, and the external couple is given by its thrusters (`thruster_commands`) or, without
+//! thrusters, published on `wrench`: it then stands for ideal ones. It subscribes to nothing under `ground_truth/`.
 //!
 //! A mission begins by the action `capture`, or by itself with `autostart`. If a mission that began by itself is aborted, but
 //! not by an operator, the process exits with 1. The services `~/hold`, `~/resume`, `~/skip` and `~/abort`
 //! (`std_srvs/Trigger`) are for the operator.
 
+mod actuators;
 mod gripper;
 mod messages;
 mod operator_services;
 mod params;
 
-pub use messages::{StateTimer, couple, efforts, forecast, state};
+pub use actuators::Actuators;
+pub use messages::{StateTimer, couple, efforts, forecast, on_times, state, wheel_torques};
 pub use params::{Fingers, Grip, MissionParams};
 
 use std::time::{Duration, Instant};
-
-use nalgebra::Vector3;
 
 use super::{
     geometry::{pose_from_msg, vector_from_msg, with_matrix},
@@ -34,7 +34,7 @@ use crate::{
     },
     msg::{
         fuyu_msgs::{
-            MissionState,
+            MissionState, ThrusterCommands,
             capture::{Capture, Outcome},
         },
         geometry_msgs::{PoseStamped, WrenchStamped},
@@ -94,6 +94,11 @@ struct Work {
     imu: Subscription<Imu>,
     grasp_poses: Subscription<PoseStamped>,
     predictions: Subscription<Path>,
+    /// If wheels are in use.
+    wheel_states: Option<Subscription<JointState>>,
+    wheel_commands: Option<Publisher<JointState>>,
+    /// If thrusters are in use.
+    thruster_commands: Option<Publisher<ThrusterCommands>>,
     commands: Publisher<JointState>,
     wrench: Publisher<WrenchStamped>,
     mission_state: Publisher<MissionState>,
@@ -102,6 +107,8 @@ struct Work {
     gripper: GripperDriver,
     status: Status,
     states: StampPairs<Time, JointState, Imu>,
+    /// States with the wheels', which arrive on a topic of their own.
+    states_with_wheels: StampPairs<Time, (JointState, Imu), JointState>,
     robot: Option<Robot>,
     mission: Option<CaptureMission>,
     goal: Option<Goal<Capture>>,
@@ -123,6 +130,15 @@ impl Work {
             imu: topics::IMU.subscribe_deep(node, QUEUE)?,
             grasp_poses: topics::MEASURED_GOAL.subscribe_deep(node, QUEUE)?,
             predictions: topics::PREDICTION.subscribe(node)?,
+            wheel_states: (params.actuators.has_wheels())
+                .then(|| topics::WHEEL_STATES.subscribe_deep(node, QUEUE))
+                .transpose()?,
+            wheel_commands: (params.actuators.has_wheels())
+                .then(|| topics::WHEEL_COMMANDS.advertise(node))
+                .transpose()?,
+            thruster_commands: (params.actuators.has_thrusters())
+                .then(|| topics::THRUSTER_COMMANDS.advertise(node))
+                .transpose()?,
             commands: topics::JOINT_COMMANDS.advertise(node)?,
             wrench: topics::WRENCH.advertise(node)?,
             mission_state: topics::MISSION_STATE.advertise(node)?,
@@ -131,6 +147,7 @@ impl Work {
             gripper: GripperDriver::new(node, &params.grip)?,
             status,
             states: StampPairs::default(),
+            states_with_wheels: StampPairs::default(),
             robot: None,
             mission: None,
             goal: None,
@@ -211,11 +228,28 @@ impl Work {
             }
         }
         self.take_measurements();
-        while let Some((stamp, joints, imu)) = self.states.pop() {
-            if let Err(problem) = self.answer(stamp, &joints, &imu) {
+        while let Some((stamp, joints, imu, wheels)) = self.next_state() {
+            if let Err(problem) = self.answer(stamp, &joints, &imu, wheels.as_ref()) {
                 self.status.warn(problem);
             }
         }
+    }
+
+    /// The next state of joints and base, and of the wheels if they are in use.
+    fn next_state(&mut self) -> Option<(Time, JointState, Imu, Option<JointState>)> {
+        let Some(wheel_states) = &self.wheel_states else {
+            let (stamp, joints, imu) = self.states.pop()?;
+            return Some((stamp, joints, imu, None));
+        };
+        while let Some(received) = wheel_states.take() {
+            let stamp = Time::from(&received.message.header.stamp);
+            self.states_with_wheels.push_second(stamp, received.message);
+        }
+        while let Some((stamp, joints, imu)) = self.states.pop() {
+            self.states_with_wheels.push_first(stamp, (joints, imu));
+        }
+        let (stamp, (joints, imu), wheels) = self.states_with_wheels.pop()?;
+        Some((stamp, joints, imu, Some(wheels)))
     }
 
     fn take_measurements(&mut self) {
@@ -241,7 +275,13 @@ impl Work {
     }
 
     /// Answers a state.
-    fn answer(&mut self, stamp: Time, joints: &JointState, imu: &Imu) -> Result<(), String> {
+    fn answer(
+        &mut self,
+        stamp: Time,
+        joints: &JointState,
+        imu: &Imu,
+        wheels: Option<&JointState>,
+    ) -> Result<(), String> {
         let Some(mission) = &mut self.mission else {
             return Ok(());
         };
@@ -257,28 +297,44 @@ impl Work {
                 self.imu.topic()
             ));
         }
+        let actuators = &self.params.actuators;
+        let wheel_speeds = wheels.map_or(Ok(Vec::new()), |message| {
+            joint_vectors::wheel_speeds(actuators.wheels(), message)
+        });
+        let wheel_speeds = wheel_speeds.map_err(|e| format!("wheel_states: {e}"))?;
         let sample = Sample {
             time: stamp.as_secs_f64(),
             q: q.as_slice(),
             qd: qd.as_slice(),
             w_B,
-            wheels: Vector3::zeros(),
+            wheel_speeds: &wheel_speeds,
         };
         let command = mission.step(&sample).map_err(|e| e.to_string())?;
         let header = Header {
             stamp: stamp.into(),
             frame_id: model.frames()[0].name.clone(),
         };
-        let pushes = command.couple.norm() > 0.0;
+        // Thrusters give it, if there are some in use.
+        let pushes = command.couple.norm() > 0.0 && self.thruster_commands.is_none();
         let couple =
             (pushes || self.pushes).then(|| messages::couple(header.clone(), &command.couple));
+        let wheels =
+            messages::wheel_torques(actuators.wheels(), header.clone(), command.wheel_torques);
+        let on_times = (command.on_times)
+            .map(|times| messages::on_times(actuators.thrusters(), header.clone(), times));
         let efforts = messages::efforts(model, header.clone(), command.efforts);
         let wanted = command.gripper;
         self.pushes = pushes;
         publish_together(|| {
-            // The couple first: efforts let time go on in lockstep.
+            // The base first: efforts let time go on in lockstep.
             if let Some(couple) = &couple {
                 self.wrench.publish(couple);
+            }
+            if let (Some(thrusters), Some(on_times)) = (&self.thruster_commands, &on_times) {
+                thrusters.publish(on_times);
+            }
+            if let Some(publisher) = &self.wheel_commands {
+                publisher.publish(&wheels);
             }
             self.commands.publish(&efforts);
         });

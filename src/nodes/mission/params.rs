@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use super::actuators::Actuators;
 use crate::{
     control::capture::{
         CaptureConfig, CaptureMission, ClearanceConfig, DetumbleLimits, GripWatch, Gripper,
@@ -28,6 +29,8 @@ pub struct MissionParams {
     pub autostart: bool,
     /// What closes and opens the grasp.
     pub grip: Grip,
+    /// Wheels and thrusters.
+    pub actuators: Actuators,
     /// Settings of a mission.
     pub config: CaptureConfig,
 }
@@ -440,7 +443,6 @@ impl MissionParams {
                     d.detumble.grasp_torque,
                     "Largest torque at the grasp while detumbling [N m]",
                 ),
-                wheels: None,
             },
             final_rate: number(
                 "final_rate",
@@ -469,6 +471,7 @@ impl MissionParams {
                 "Largest condition number with which an identification is accepted",
             ),
         };
+        let actuators = Actuators::declare(declare);
         // After all declarations, so that no parameter is reported as unknown.
         let grasps: Vec<_> = grasps?.into_iter().collect::<Result<_, String>>()?;
         let mut config = CaptureConfig {
@@ -504,6 +507,7 @@ impl MissionParams {
             tip_link,
             autostart,
             grip,
+            actuators: actuators?,
             config,
         })
     }
@@ -558,7 +562,10 @@ impl MissionParams {
         let arm = self.arm(robot)?;
         let tip = tip_frame(&arm, &self.tip_link).map_err(|e| format!("parameter {e}"))?;
         let camera = camera_frame(&arm)?;
-        CaptureMission::new(&arm, &tip, camera, self.config.clone())
-            .map_err(|e| format!("parameter {e}"))
+        let mission = CaptureMission::new(&arm, &tip, camera, self.config.clone());
+        let fitted = mission
+            .map_err(|e| e.to_string())
+            .and_then(|mission| self.actuators.fit(mission, robot));
+        fitted.map_err(|e| format!("parameter {e}"))
     }
 }

@@ -1,6 +1,6 @@
 //! Flexible parts, wheels and thrusters of the robot, and the flexible system that results.
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, path::PathBuf};
 
 use super::{
     appendages::AppendageParams,
@@ -95,6 +95,26 @@ impl FlexibleParams {
             wheels,
             thrusters,
         })
+    }
+
+    /// [`FlexibleParams::declare`] with the parameter `package_folders`, for nodes that read no other files.
+    ///
+    /// # Errors
+    /// A line that names a parameter with its value, and what would be right.
+    pub fn declare_with_packages(declare: &mut Declare) -> Result<Self, String> {
+        let packages: Vec<String> = declare
+            .param(
+                "package_folders",
+                Vec::<String>::new(),
+                "Folders with ROS packages, searched for package://PACKAGE/PATH before those of the environment",
+            )
+            .read_only()
+            .value();
+        let lookup = |declare: &Declare, name: &str| Lookup {
+            folder: declare.folder_of(name),
+            packages: packages.iter().map(PathBuf::from).collect(),
+        };
+        Self::declare(declare, &lookup)
     }
 
     /// Whether the robot is a rigid one.

@@ -1,0 +1,109 @@
+//! Wheels and thrusters of the robot, which take the momentum of robot and target.
+
+use crate::{
+    control::{
+        attitude::WheelAllocator,
+        capture::{CaptureMission, ThrusterPulses},
+    },
+    model::Model,
+    nodes::dynamics::FlexibleParams,
+    ros::Declare,
+};
+
+/// Time constant with which momenta of more than three wheels would be equalised \[s\]; a mission does not equalise them.
+const EQUALIZATION: f64 = 100.0;
+
+/// Wheels and thrusters that a mission uses.
+#[derive(Debug, Clone)]
+pub struct Actuators {
+    /// The robot's wheels and thrusters, and its other parts.
+    parts: FlexibleParams,
+    uses_wheels: bool,
+    uses_thrusters: bool,
+    /// Period of the thrusters' pulses \[s\].
+    period: f64,
+}
+
+impl Actuators {
+    /// Declares the parameters and reads them.
+    ///
+    /// # Errors
+    /// A line that names a parameter with its value, and what would be right.
+    pub fn declare(declare: &mut Declare) -> Result<Self, String> {
+        let mut flag = |name: &str, text: &str| {
+            let parameter = declare.param(name, true, text);
+            parameter.read_only().value()
+        };
+        let uses_wheels = flag(
+            "use_wheels",
+            "Let the robot's wheels take their share of the momentum, by wheel_commands",
+        );
+        let uses_thrusters = flag(
+            "use_thrusters",
+            "Let the robot's thrusters give the couple, by thruster_commands; an ideal couple on wrench otherwise",
+        );
+        let period = declare.param(
+            "thruster_period",
+            0.1,
+            "Period in which thrusters give the couple on average [s]",
+        );
+        let period = period.range(1e-3, 10.0).read_only().value();
+        Ok(Self {
+            parts: FlexibleParams::declare_with_packages(declare)?,
+            uses_wheels,
+            uses_thrusters,
+            period,
+        })
+    }
+
+    /// Names of the wheels in use.
+    pub fn wheels(&self) -> impl Iterator<Item = &str> {
+        let used = self.parts.wheels.iter().filter(|_| self.uses_wheels);
+        used.map(|params| params.wheel.name.as_str())
+    }
+
+    /// Names of the thrusters in use.
+    pub fn thrusters(&self) -> impl Iterator<Item = &str> {
+        let used = self.parts.thrusters.iter().filter(|_| self.uses_thrusters);
+        used.map(|params| params.thruster.name.as_str())
+    }
+
+    /// Whether wheels are in use.
+    pub fn has_wheels(&self) -> bool {
+        self.wheels().next().is_some()
+    }
+
+    /// Whether thrusters are in use.
+    pub fn has_thrusters(&self) -> bool {
+        self.thrusters().next().is_some()
+    }
+
+    /// The mission with the wheels and thrusters of its robot that are in use.
+    ///
+    /// # Errors
+    /// A line that names the parameter, and what would be right.
+    pub fn fit(&self, mission: CaptureMission, robot: &Model) -> Result<CaptureMission, String> {
+        let mut mission = mission;
+        if !self.has_wheels() && !self.has_thrusters() {
+            return Ok(mission);
+        }
+        let system = self.parts.system(robot)?;
+        if self.has_wheels() {
+            let wheels = WheelAllocator::new(&system, EQUALIZATION).map_err(|e| {
+                format!("use_wheels is true, but {e}; with false they are not used")
+            })?;
+            mission = mission.with_wheels(wheels);
+        }
+        if self.has_thrusters() {
+            let pulses = ThrusterPulses::new(&system, self.period).map_err(|e| {
+                format!(
+                    "use_thrusters is true, but {e}; with false an ideal couple acts on the base"
+                )
+            })?;
+            if let Some(pulses) = pulses {
+                mission = mission.with_thrusters(pulses);
+            }
+        }
+        Ok(mission)
+    }
+}
