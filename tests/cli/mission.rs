@@ -73,6 +73,83 @@ fn the_mission_captures_stops_and_identifies_its_target() {
     assert_eq!(first["final"], second["final"]);
 }
 
+// Fails if wheels take more than they can, if thrusters do not give the rest, or if the wheels' momentum falsifies the identification. With
+// wheels that are large enough no external couple is needed: the momentum of everything then stays.
+#[test]
+fn wheels_and_thrusters_stop_the_target() {
+    let text = include_str!("../../config/capture_wheels.yaml");
+    let large = text
+        .replace("max_momentum: 20.0", "max_momentum: 200.0")
+        .replacen(
+            "tip_link: tool0\n    autostart",
+            "tip_link: tool0\n    couple: 0.0\n    autostart",
+            1,
+        );
+    for (text, needs_thrusters) in [(text.to_owned(), true), (large, false)] {
+        let (folder, path) = file("wheels.yaml", text);
+        let bag = folder.path().join("bag");
+        let bag = bag.to_str().unwrap();
+        let path = path.to_str().unwrap();
+        let run = fuyu(&["simulate", path, "--json", "--output", bag]).json();
+        let mission = &run["mission"];
+        assert_eq!(mission["captured"], true, "{mission}");
+        let mass = figure(phase(&run, "identify"), "mass");
+        assert!((mass / 300.0 - 1.0).abs() < 0.01, "{mass}");
+        let detumble = phase(&run, "detumble");
+        assert!(figure(detumble, "angular velocity after") < 0.05_f64.to_radians());
+        assert!(
+            figure(detumble, "largest momentum of the wheels") > 10.0,
+            "{detumble}"
+        );
+        assert_eq!(
+            figure(detumble, "largest couple") > 0.0,
+            needs_thrusters,
+            "{detumble}"
+        );
+        let of = |name: &str| {
+            mission[name]
+                .as_f64()
+                .unwrap_or_else(|| panic!("{mission}"))
+        };
+        assert!(
+            of("grasp_force") < 50.0 && of("grasp_torque") < 50.0,
+            "{mission}"
+        );
+        let check = fuyu(&["bag", "check", bag, "--json"]).json();
+        assert_eq!(check["passed"], true, "{check}");
+    }
+}
+
+#[test]
+fn wheels_and_thrusters_that_cannot_stop_a_target_are_refused() {
+    let text = include_str!("../../config/capture_wheels.yaml");
+    refuses(
+        text,
+        &[
+            (
+                "wheels: [wheel_1, wheel_2, wheel_3, wheel_4]",
+                "wheels: [wheel_1, wheel_2]",
+                "parameter use_wheels is true, but the wheels give no torque about one axis at least",
+            ),
+            (
+                "thruster_z1, thruster_z2, thruster_z3, thruster_z4]",
+                "thruster_z1, thruster_z2]",
+                "parameter use_thrusters is true, but the thrusters give no torque of",
+            ),
+            (
+                "autostart: true\n",
+                "autostart: true\n    thruster_period: 0.01\n",
+                "min_on_time",
+            ),
+            (
+                "autostart: true\n",
+                "autostart: true\n    use_wheels: false\n    couple: 0.0\n",
+                "parameter couple is 0 and no wheels are in use",
+            ),
+        ],
+    );
+}
+
 // Fails if the servo of the joints shakes the grip loose, if the load exceeds what it may be, or if the compliance of the grip falsifies
 // the identification.
 #[test]

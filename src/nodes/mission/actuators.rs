@@ -84,6 +84,11 @@ impl Actuators {
     /// A line that names the parameter, and what would be right.
     pub fn fit(&self, mission: CaptureMission, robot: &Model) -> Result<CaptureMission, String> {
         let mut mission = mission;
+        if mission.config().detumble.couple == 0.0 && !self.has_wheels() {
+            return Err(
+                "couple is 0 and no wheels are in use; a positive couple [N m] or wheels must stop the rotation".to_owned(),
+            );
+        }
         if !self.has_wheels() && !self.has_thrusters() {
             return Ok(mission);
         }

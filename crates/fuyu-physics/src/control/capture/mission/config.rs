@@ -134,7 +134,7 @@ impl CaptureConfig {
     /// # Errors
     /// [`ConfigError`] names the setting.
     pub fn check(&self, joints: usize) -> Result<(), ConfigError> {
-        use crate::control::gains::check_positive;
+        use crate::control::gains::{check_not_negative, check_positive};
         let law = match self.tip_law {
             TipLaw::Impedance { frequency, damping } => [frequency, damping],
             TipLaw::Transpose { stiffness, damping } => {
@@ -175,7 +175,6 @@ impl CaptureConfig {
             ("heaviest_mass", self.heaviest.0),
             ("heaviest_gyration", self.heaviest.1),
             ("settle_time", self.settle_time),
-            ("couple", self.detumble.couple),
             ("grasp_force", self.detumble.grasp_force),
             ("grasp_torque", self.detumble.grasp_torque),
             ("final_rate", self.final_rate),
@@ -196,6 +195,7 @@ impl CaptureConfig {
         ] {
             check_positive(name, value)?;
         }
+        check_not_negative("couple", self.detumble.couple)?;
         check_positive("approach_axis", self.approach_axis.norm())?;
         for time in &self.approach_times {
             check_positive("approach_times", *time)?;
