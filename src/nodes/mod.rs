@@ -7,7 +7,7 @@
 //! | [`controller`] | `robot_description`, `joint_states`, `imu`, `command_delay`, `camera/tip_pose`, `camera/goal_pose`, `camera/second/tip_pose`, `camera/second/goal_pose`, `estimator/angular_velocity` | `joint_commands`, `controller/state` |
 //! | [`attitude`] | `robot_description`, `joint_states`, `imu`, `star_tracker`, `wheel_states`, `attitude_target` | `wheel_commands`, `thruster_commands`, `attitude/state` |
 //! | [`estimator`] | `/tf_static`, `imu`, `camera/camera_info`, `camera/features` | `estimator/angular_velocity`, `estimator/motion`, `estimator/prediction` |
-//! | [`mission`] | `robot_description`, `joint_states`, `imu`, `camera/goal_pose`, `estimator/prediction` | `joint_commands`, `wrench`, `mission/state` |
+//! | [`mission`] | `robot_description`, `joint_states`, `imu`, `wheel_states`, `camera/goal_pose`, `estimator/prediction` | `joint_commands`, `wheel_commands`, `thruster_commands`, `wrench`, `mission/state` |
 //! | [`tracker`] | `camera/image_raw`, `camera/segmentation` | `camera/features` |
 //! | [`teleop`] | `robot_description`, `joint_states`, `imu`, `joy`, `cmd_vel` | `joint_commands` |
 //! | [`views`] | `ground_truth/odom`, `ground_truth/NAME/odom`, `ground_truth/momentum`, `ground_truth/appendages`, `ground_truth/appendage_outlines`, `camera/goal_pose`, `goal_pose`, `estimator/prediction` | `markers` |
