@@ -245,7 +245,14 @@ impl Work {
             let stamp = Time::from(&received.message.header.stamp);
             self.states_with_wheels.push_second(stamp, received.message);
         }
+        let is_silent = wheel_states.age().is_none_or(|age| age > SILENCE);
         while let Some((stamp, joints, imu)) = self.states.pop() {
+            if is_silent && self.answered.elapsed() > SILENCE {
+                self.status.warn(format!(
+                    "{} is silent; states are answered with the speeds of the wheels, or use_wheels must be false",
+                    wheel_states.topic()
+                ));
+            }
             self.states_with_wheels.push_first(stamp, (joints, imu));
         }
         let (stamp, (joints, imu), wheels) = self.states_with_wheels.pop()?;
