@@ -480,15 +480,16 @@ impl SimulatedBag {
             }
             if let Some(topic) = topics.wheels {
                 let torques = &capture.wheel_torques;
-                let message = mission::wheel_torques(used.wheels(), header.clone(), torques);
+                let message = mission::efforts(used.wheels(), header.clone(), torques);
                 w.write_message(topic, log, &message)?;
             }
             if topics.timer.is_due(capture.mission, time) {
                 let state = mission::state(capture.mission, header.clone());
                 w.write_message(topics.state, log, &state)?;
             }
-            let model = capture.mission.model();
-            let message = mission::efforts(model, header, &capture.efforts);
+            let joints = capture.mission.model().joints().iter();
+            let names = joints.map(|joint| joint.name.as_str());
+            let message = mission::efforts(names, header, &capture.efforts);
             w.write_message(servo.commands, log, &message)?;
         }
         let (Some(answer), Some(state)) = (&moment.answer, servo.state) else {

@@ -2,7 +2,6 @@
 
 use crate::{
     control::capture::{CaptureMission, Phase, RotationForecast},
-    model::Model,
     msg::{
         fuyu_msgs::{
             MissionState, ThrusterCommands,
@@ -47,26 +46,16 @@ pub fn forecast(path: &Path) -> Result<RotationForecast, String> {
     })
 }
 
-/// Joint efforts as a message.
-pub fn efforts(model: &Model, header: Header, efforts: &[f64]) -> JointState {
-    JointState {
-        header,
-        name: model.joints().iter().map(|j| j.name.clone()).collect(),
-        effort: efforts.to_vec(),
-        ..JointState::default()
-    }
-}
-
-/// Motor torques of wheels as a message.
-pub fn wheel_torques<'a>(
+/// Efforts of joints, or motor torques of wheels, as a message.
+pub fn efforts<'a>(
     names: impl IntoIterator<Item = &'a str>,
     header: Header,
-    torques: &[f64],
+    efforts: &[f64],
 ) -> JointState {
     JointState {
         header,
         name: names.into_iter().map(str::to_owned).collect(),
-        effort: torques.to_vec(),
+        effort: efforts.to_vec(),
         ..JointState::default()
     }
 }

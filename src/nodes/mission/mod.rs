@@ -16,7 +16,7 @@ mod operator_services;
 mod params;
 
 pub use actuators::Actuators;
-pub use messages::{StateTimer, couple, efforts, forecast, on_times, state, wheel_torques};
+pub use messages::{StateTimer, couple, efforts, forecast, on_times, state};
 pub use params::{Fingers, Grip, MissionParams};
 
 use std::time::{Duration, Instant};
@@ -325,11 +325,12 @@ impl Work {
         let pushes = command.couple.norm() > 0.0 && self.thruster_commands.is_none();
         let couple =
             (pushes || self.pushes).then(|| messages::couple(header.clone(), &command.couple));
-        let wheels =
-            messages::wheel_torques(actuators.wheels(), header.clone(), command.wheel_torques);
+        let wheels = (self.wheel_commands.as_ref())
+            .map(|_| messages::efforts(actuators.wheels(), header.clone(), command.wheel_torques));
         let on_times = (command.on_times)
             .map(|times| messages::on_times(actuators.thrusters(), header.clone(), times));
-        let efforts = messages::efforts(model, header.clone(), command.efforts);
+        let names = model.joints().iter().map(|joint| joint.name.as_str());
+        let efforts = messages::efforts(names, header.clone(), command.efforts);
         let wanted = command.gripper;
         self.pushes = pushes;
         publish_together(|| {
@@ -340,8 +341,8 @@ impl Work {
             if let (Some(thrusters), Some(on_times)) = (&self.thruster_commands, &on_times) {
                 thrusters.publish(on_times);
             }
-            if let Some(publisher) = &self.wheel_commands {
-                publisher.publish(&wheels);
+            if let (Some(publisher), Some(wheels)) = (&self.wheel_commands, &wheels) {
+                publisher.publish(wheels);
             }
             self.commands.publish(&efforts);
         });

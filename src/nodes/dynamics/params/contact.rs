@@ -33,7 +33,10 @@ pub struct ContactPairParams {
 }
 
 /// Declares `contact.*` and reads it; `None` if there is no contact.
-pub(super) fn declare_contact(declare: &mut Declare, packages: &[String]) -> Option<ContactParams> {
+pub(super) fn declare_contact(
+    declare: &mut Declare,
+    packages: &[PathBuf],
+) -> Option<ContactParams> {
     let is_given = !declare.children("contact").is_empty();
     let is_on: bool = declare
         .param(
@@ -95,7 +98,7 @@ pub(super) fn declare_contact(declare: &mut Declare, packages: &[String]) -> Opt
         pairs,
         self_contact,
         tolerance,
-        packages: packages.iter().map(PathBuf::from).collect(),
+        packages: packages.to_vec(),
     })
 }
 

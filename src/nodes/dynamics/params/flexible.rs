@@ -1,11 +1,12 @@
 //! Flexible parts, wheels and thrusters of the robot, and the flexible system that results.
 
-use std::{collections::BTreeSet, path::PathBuf};
+use std::collections::BTreeSet;
 
 use super::{
     appendages::AppendageParams,
     elastic_joints::declare_elastic_joints,
     elastic_links::{ElasticLinkParams, declare_elastic_links},
+    package_folders::PackageFolders,
     thrusters::ThrusterParams,
     wheels::WheelParams,
 };
@@ -102,19 +103,8 @@ impl FlexibleParams {
     /// # Errors
     /// A line that names a parameter with its value, and what would be right.
     pub fn declare_with_packages(declare: &mut Declare) -> Result<Self, String> {
-        let packages: Vec<String> = declare
-            .param(
-                "package_folders",
-                Vec::<String>::new(),
-                "Folders with ROS packages, searched for package://PACKAGE/PATH before those of the environment",
-            )
-            .read_only()
-            .value();
-        let lookup = |declare: &Declare, name: &str| Lookup {
-            folder: declare.folder_of(name),
-            packages: packages.iter().map(PathBuf::from).collect(),
-        };
-        Self::declare(declare, &lookup)
+        let packages = PackageFolders::declare(declare);
+        Self::declare(declare, &|declare, name| packages.lookup(declare, name))
     }
 
     /// Whether the robot is a rigid one.

@@ -14,6 +14,7 @@ mod lockstep;
 mod mass_scale;
 mod motions;
 mod numbers;
+mod package_folders;
 mod robots;
 mod thrusters;
 mod velocity_servo;
@@ -22,8 +23,6 @@ mod wheels;
 pub(super) use bodies::joint_vector;
 pub use bodies::{Description, InitialJoints, InitialMotion, TargetParams};
 
-use std::path::PathBuf;
-
 use super::imu::ImuParams;
 use super::joint_drive::{DriveConfig, step_count};
 use super::loops::LoopParams;
@@ -31,10 +30,7 @@ use super::star_tracker::declare_star_tracker;
 use super::wrist::WristParams;
 use crate::{
     dynamics::{FormulationKind, IntegrationMethod, JointPhysics},
-    nodes::{
-        choice,
-        resource::{AllowedFolders, Lookup},
-    },
+    nodes::{choice, resource::AllowedFolders},
     ros::{Declare, Lifecycle},
     vision::StarTrackerConfig,
 };
@@ -54,6 +50,7 @@ pub use lockstep::LockstepOn;
 use mass_scale::{declare_mass_scale, with_scaled_masses};
 pub use motions::{BaseReaction, LiveBaseReaction, MotionParams};
 use motions::{declare_base_reaction, declare_motions, declare_position_servo};
+use package_folders::PackageFolders;
 use robots::declare_robots;
 pub use thrusters::ThrusterParams;
 use velocity_servo::declare_servo;
@@ -166,14 +163,7 @@ impl DynamicsParams {
         ))
         .read_only()
         .value();
-        let packages = declare
-            .param(
-                "package_folders",
-                Vec::<String>::new(),
-                "Folders with ROS packages, searched for package://PACKAGE/PATH before those of the environment",
-            )
-            .read_only()
-            .value();
+        let packages = PackageFolders::declare(declare);
         let strict = declare
             .param(
                 "strict",
@@ -182,10 +172,7 @@ impl DynamicsParams {
             )
             .read_only()
             .value();
-        let lookup = |declare: &Declare, name: &str| Lookup {
-            folder: declare.folder_of(name),
-            packages: packages.iter().map(PathBuf::from).collect(),
-        };
+        let lookup = |declare: &Declare, name: &str| packages.lookup(declare, name);
         let of_robot = lookup(declare, "urdf");
         let urdf = declare
             .param(
@@ -254,7 +241,7 @@ impl DynamicsParams {
         }
         let grasps = declare_grasps(declare);
         let grippers = declare_grippers(declare);
-        let contact = declare_contact(declare, &packages);
+        let contact = declare_contact(declare, &packages.0);
         let imu = ImuParams::declare(declare);
         let wrist = WristParams::declare(declare);
         let star_tracker = declare_star_tracker(declare);

@@ -192,9 +192,7 @@ impl WheelAllocator {
             return None;
         }
         self.torques.axpy(most, &self.balancing, 1.0);
-        for i in 0..self.wheels.len() {
-            self.torques[i] = self.torques[i].max(self.lower[i]).min(self.upper[i]);
-        }
+        self.clamp_torques();
         Some(most)
     }
 
@@ -243,6 +241,10 @@ impl WheelAllocator {
                 }
             }
         }
+        self.clamp_torques();
+    }
+
+    fn clamp_torques(&mut self) {
         for i in 0..self.wheels.len() {
             self.torques[i] = self.torques[i].max(self.lower[i]).min(self.upper[i]);
         }
@@ -278,36 +280,8 @@ impl WheelAllocator {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Unit;
-
     use super::*;
-    use crate::model::ModelBuilder;
-    use crate::spatial::RigidInertia;
-
-    fn system(axes: &[[f64; 3]], max_torque: f64, max_momentum: f64) -> FlexibleSystem {
-        let inertia = RigidInertia {
-            mass: 500.0,
-            com: Vector3::zeros(),
-            about_com: Matrix3::identity() * 300.0,
-        };
-        let model = ModelBuilder::new("satellite", "base_link", inertia).build();
-        let base = model.frame("base_link").unwrap();
-        let mut builder = FlexibleSystem::builder(&model);
-        for (i, axis) in axes.iter().enumerate() {
-            let axis = Unit::new_normalize(Vector3::from(*axis));
-            let mut wheel = Wheel::new(&format!("w{i}"), axis, 0.1);
-            (wheel.max_torque, wheel.max_momentum) = (max_torque, max_momentum);
-            builder = builder.wheel(base, wheel);
-        }
-        builder.build().unwrap()
-    }
-
-    const PYRAMID: [[f64; 3]; 4] = [
-        [1.0, 0.0, 1.0],
-        [0.0, 1.0, 1.0],
-        [-1.0, 0.0, 1.0],
-        [0.0, -1.0, 1.0],
-    ];
+    use crate::control::fixtures::{PYRAMID, satellite_with_wheels as system};
 
     #[test]
     fn the_torque_asked_for_is_given_with_the_smallest_sum_of_squares() {

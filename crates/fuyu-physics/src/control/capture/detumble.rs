@@ -243,41 +243,16 @@ impl Detumbler {
 mod tests {
     use super::*;
     use crate::control::detumbling::BrakingCouple;
-    use crate::dynamics::flexible::{FlexibleSystem, Wheel};
-    use crate::model::ModelBuilder;
+    use crate::control::fixtures::{PYRAMID, SPIN, satellite_with_wheels};
     use crate::spatial::exp_so3;
-    use nalgebra::{Unit, UnitQuaternion};
-
-    /// Moment of inertia of each wheel about its axis \[kg m²\].
-    const SPIN: f64 = 0.1;
+    use nalgebra::UnitQuaternion;
 
     /// Wheels about the given axes of the base, each with limits of torque \[N m\] and momentum \[N m s\].
     fn wheels(axes: &[[f64; 3]], torque: f64, momentum: f64) -> WheelAllocator {
-        let body = RigidInertia {
-            mass: 500.0,
-            com: Vector3::zeros(),
-            about_com: Matrix3::identity() * 300.0,
-        };
-        let model = ModelBuilder::new("satellite", "base_link", body).build();
-        let base = model.frame("base_link").unwrap();
-        let mut builder = FlexibleSystem::builder(&model);
-        for (i, axis) in axes.iter().enumerate() {
-            let axis = Unit::new_normalize(Vector3::from(*axis));
-            let mut wheel = Wheel::new(&format!("w{i}"), axis, SPIN);
-            (wheel.max_torque, wheel.max_momentum) = (torque, momentum);
-            builder = builder.wheel(base, wheel);
-        }
-        WheelAllocator::new(&builder.build().unwrap(), 20.0).unwrap()
+        WheelAllocator::new(&satellite_with_wheels(axes, torque, momentum), 20.0).unwrap()
     }
 
     const ORTHOGONAL: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    const PYRAMID: [[f64; 3]; 4] = [
-        [1.0, 0.0, 1.0],
-        [0.0, 1.0, 1.0],
-        [-1.0, 0.0, 1.0],
-        [0.0, -1.0, 1.0],
-    ];
-
     fn limits(couple: f64) -> DetumbleLimits {
         DetumbleLimits {
             couple,

@@ -55,23 +55,13 @@ impl ThrusterPulses {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Matrix3, Unit};
+    use nalgebra::Unit;
 
     use super::*;
+    use crate::control::fixtures::satellite;
     use crate::dynamics::flexible::Thruster;
-    use crate::model::{Model, ModelBuilder};
-    use crate::spatial::RigidInertia;
 
     const THRUST: f64 = 2.0;
-
-    fn satellite() -> Model {
-        let body = RigidInertia {
-            mass: 500.0,
-            com: Vector3::zeros(),
-            about_com: Matrix3::identity() * 300.0,
-        };
-        ModelBuilder::new("satellite", "base_link", body).build()
-    }
 
     /// Position and direction of twelve thrusters: pairs that push against each other about each axis, both ways.
     fn mountings() -> Vec<(Vector3<f64>, Vector3<f64>)> {

@@ -1,17 +1,11 @@
 use super::*;
+use crate::control::fixtures::satellite;
 use crate::dynamics::flexible::Thruster;
-use crate::model::ModelBuilder;
-use crate::spatial::RigidInertia;
 use nalgebra::Unit;
 
 /// A cube of 2 m with thrusters on its edges: pairs that push in parallel to give torques about each axis.
 fn system(min_on_time: f64, which: &[([f64; 3], [f64; 3])]) -> FlexibleSystem {
-    let inertia = RigidInertia {
-        mass: 500.0,
-        com: Vector3::zeros(),
-        about_com: Matrix3::identity() * 300.0,
-    };
-    let model = ModelBuilder::new("satellite", "base_link", inertia).build();
+    let model = satellite();
     let base = model.frame("base_link").unwrap();
     let mut builder = FlexibleSystem::builder(&model);
     for (i, (position, direction)) in which.iter().enumerate() {
