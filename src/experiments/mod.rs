@@ -1,8 +1,9 @@
 //! Runs without a ROS graph (`fuyu simulate`, `fuyu campaign`), published results (`fuyu reproduce`), and analysis of
-//! recorded runs (`fuyu bag check`, `fuyu bag plot`).
+//! recorded runs (`fuyu bag check`, `plot` and `render`).
 
 mod bag_check;
 mod bag_plot;
+mod bag_scene;
 mod balance;
 pub mod campaign;
 mod capturing;
@@ -49,6 +50,7 @@ pub mod tracking;
 
 pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;
+pub use bag_scene::{PictureError, PictureOptions, PictureTimes, Pictures, render_bag};
 pub use balance::{Balance, MomentumResidual};
 pub use capturing::{CaptureAnswer, Capturing};
 pub use chart::{

@@ -321,13 +321,16 @@ impl Scenario {
             }
             "mission" => {
                 let params = self.parameters_of(name, MissionParams::declare)?;
-                let rivals = ["controller", "teleop"];
-                let is_rival =
-                    |n: &&NodeName| rivals.contains(&n.name()) && n.namespace() == name.namespace();
-                if let Some(rival) = self.nodes.iter().find(is_rival) {
-                    return Err(at(format!(
-                        "{rival} commands the same joints; name one of the two"
-                    )));
+                let mut neighbours =
+                    (self.nodes.iter()).filter(|other| other.namespace() == name.namespace());
+                let rival = neighbours.find_map(|other| match other.name() {
+                    "controller" | "teleop" => Some((other, "commands the same joints")),
+                    // Plans of the arm are for a base that floats freely.
+                    "attitude" => Some((other, "holds the base, which must float freely")),
+                    _ => None,
+                });
+                if let Some((rival, reason)) = rival {
+                    return Err(at(format!("{rival} {reason}; name one of the two")));
                 }
                 let robot = self.robot(name.namespace());
                 robot.map_or(Ok(()), |robot| params.mission(&robot).map(drop).map_err(at))

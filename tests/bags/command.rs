@@ -140,12 +140,85 @@ fn plot_draws_what_the_bag_has() {
     );
 }
 
+/// Width, height and the fraction of pixels brighter than a star's surroundings.
+fn picture(path: &Path) -> (u32, u32, f64, Vec<u8>) {
+    let picture = image::open(path).unwrap().to_rgb8();
+    let bright = picture.pixels().filter(|p| p.0.iter().any(|c| *c > 40));
+    let share = bright.count() as f64 / f64::from(picture.width() * picture.height());
+    let (width, height) = picture.dimensions();
+    (width, height, share, picture.into_raw())
+}
+
+#[test]
+fn render_draws_the_bodies_at_the_times_that_are_asked_for() {
+    let dir = tempfile::tempdir().unwrap();
+    let bag = dir.path().join("run");
+    let setup = Setup {
+        seconds: 2.0,
+        ..Setup::default()
+    };
+    run::write(&bag, &setup);
+    let folder = dir.path().join("pictures");
+    let to = folder.to_str().unwrap();
+    let render = |options: &[&str]| {
+        let fixed = ["render", "--output", to, "--size", "320x180"];
+        fuyu(&[&fixed[..], options].concat(), &bag)
+    };
+    let output = render(&["--at", "0,1.98"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert_eq!(stderr(&output), "");
+    let listed = String::from_utf8(output.stdout).unwrap();
+    let names = ["scene_00000.00s.png", "scene_00001.98s.png"];
+    let paths = names.map(|name| folder.join(name));
+    let lines: Vec<&Path> = listed.lines().map(Path::new).collect();
+    assert_eq!(lines, paths);
+    let [first, last] = paths.map(|path| picture(&path));
+    for (width, height, bodies, _) in [&first, &last] {
+        assert_eq!((*width, *height), (320, 180));
+        // The robot and not much more than the robot: the sky is dark.
+        assert!((0.03..0.5).contains(bodies), "{bodies}");
+    }
+    // The arm has moved.
+    assert!(first.3 != last.3);
+    // Twice as close, the bodies are larger.
+    render(&["--at", "0", "--distance", "0.5"]);
+    let (.., closer, _) = picture(&folder.join(names[0]));
+    assert!(closer > 1.5 * first.2, "{closer} {}", first.2);
+    // A film has equal intervals, and the default is an overview.
+    let count = |output: Output| String::from_utf8(output.stdout).unwrap().lines().count();
+    assert_eq!(count(render(&["--every", "0.5"])), 4);
+    assert_eq!(count(render(&[])), 6);
+    for (options, words) in [
+        (&["--at", "99"][..], "--at 99: the run lasts from 0 to"),
+        (&["--every", "0"], "--every 0:"),
+        (&["--run", "2"], "--run 2: the bag has the runs 1 to 1"),
+        (&["--elevation", "91"], "--elevation 91:"),
+        (&["--distance", "0"], "--distance 0:"),
+        (&["--size", "0x180"], "it must be like 960x540"),
+    ] {
+        let output = match options[0] {
+            "--size" => fuyu(&[&["render"][..], options].concat(), &bag),
+            _ => render(options),
+        };
+        assert_eq!(output.status.code(), Some(2), "{options:?}");
+        assert!(stderr(&output).contains(words), "{}", stderr(&output));
+    }
+    let empty = dir.path().join("empty");
+    fuyu::bag::Writer::create(&empty, WriterOptions::default())
+        .unwrap()
+        .finish()
+        .unwrap();
+    let output = fuyu(&["render"], &empty);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("nothing to draw: no ground_truth/odom"));
+}
+
 #[test]
 fn what_is_no_bag_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let text = dir.path().join("notes.mcap");
     fs::write(&text, "not a recording").unwrap();
-    for command in ["info", "check", "plot"] {
+    for command in ["info", "check", "plot", "render"] {
         for (path, words) in [
             (dir.path().join("none"), "no such file or folder"),
             (text.clone(), "not an MCAP file"),

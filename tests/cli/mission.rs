@@ -272,4 +272,12 @@ fn a_mission_without_what_it_needs_is_refused() {
             ),
         ],
     );
+    refuses(
+        include_str!("../../config/capture_wheels.yaml"),
+        &[(
+            "mission:\n",
+            "attitude:\n  ros__parameters:\n    use_sim_time: true\nmission:\n",
+            "/attitude holds the base, which must float freely; name one of the two",
+        )],
+    );
 }

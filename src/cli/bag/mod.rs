@@ -1,8 +1,9 @@
-//! `fuyu bag`: contents, physical checks, plots, playback, conversion and recovery of bags.
+//! `fuyu bag`: contents, physical checks, plots, pictures, playback, conversion and recovery of bags.
 
 mod convert;
 mod play;
 mod recover;
+mod render;
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -26,7 +27,7 @@ fn next_to(bag: &Path, suffix: &str) -> PathBuf {
     full.with_file_name(format!("{stem}_{suffix}"))
 }
 
-/// Inspects, checks, plots, plays, converts or recovers a bag
+/// Inspects, checks, plots, draws, plays, converts or recovers a bag
 ///
 /// BAG is a folder in the layout of rosbag2 or a single .mcap file, recorded by fuyu or by rosbag2. A truncated
 /// bag (killed recorder, full disk) is read up to its last complete chunk.
@@ -44,6 +45,7 @@ enum BagCommand {
     Check(CheckArgs),
     /// Plots tip error, base drift, momentum residual, joint rates and the estimate of a target, as SVG and PNG
     Plot(PlotArgs),
+    Render(render::RenderArgs),
     Play(play::PlayArgs),
     Convert(convert::ConvertArgs),
     Recover(recover::RecoverArgs),
@@ -100,6 +102,7 @@ pub fn run(args: Args, ros_args: Vec<String>) -> Result<(), Failure> {
         BagCommand::Info(args) => info(&args),
         BagCommand::Check(args) => check(&args),
         BagCommand::Plot(args) => plot(&args),
+        BagCommand::Render(args) => render::run(&args),
         BagCommand::Convert(args) => convert::run(&args),
         BagCommand::Recover(args) => recover::run(&args),
     }
@@ -301,17 +304,7 @@ fn values(line: &CheckLine) -> String {
 
 fn plot(args: &PlotArgs) -> Result<(), Failure> {
     let bag = Bag::open(&args.bag).map_err(failure)?;
-    let folder = match &args.output {
-        Some(folder) => folder.clone(),
-        None if args.bag.is_dir() => args.bag.clone(),
-        None => args.bag.parent().map(PathBuf::from).unwrap_or_default(),
-    };
-    std::fs::create_dir_all(&folder).map_err(|e| {
-        Failure::Input(format!(
-            "--output {}: cannot be created: {e}",
-            folder.display()
-        ))
-    })?;
+    let folder = picture_folder(&args.bag, args.output.as_deref())?;
     let pictures = plot_bag(&bag, &folder).map_err(|e| Failure::Runtime(e.to_string()))?;
     if pictures.is_empty() {
         return Err(Failure::Input(format!(
@@ -319,9 +312,26 @@ fn plot(args: &PlotArgs) -> Result<(), Failure> {
             args.bag.display()
         )));
     }
-    let list: String = pictures
-        .iter()
-        .map(|p| format!("{}\n", p.display()))
-        .collect();
-    print(&list)
+    print(&list_of(&pictures))
+}
+
+/// The folder for pictures of a bag, created if needed: `output`, or that of the bag.
+fn picture_folder(bag: &Path, output: Option<&Path>) -> Result<PathBuf, Failure> {
+    let folder = match output {
+        Some(folder) => folder.to_owned(),
+        None if bag.is_dir() => bag.to_owned(),
+        None => bag.parent().map(PathBuf::from).unwrap_or_default(),
+    };
+    std::fs::create_dir_all(&folder).map_err(|e| {
+        Failure::Input(format!(
+            "--output {}: cannot be created: {e}",
+            folder.display()
+        ))
+    })?;
+    Ok(folder)
+}
+
+fn list_of(paths: &[PathBuf]) -> String {
+    let lines = paths.iter().map(|p| format!("{}\n", p.display()));
+    lines.collect()
 }
