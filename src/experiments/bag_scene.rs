@@ -22,8 +22,8 @@ const SAMPLES: usize = 9;
 /// Light from all directions, of full sunlight: the dark sides of bodies remain visible.
 const AMBIENT: f64 = 0.08;
 
-/// Magnitude of the faintest star, gain on their brightness, and seed of the sky.
-const STARS: (f64, f64, u64) = (5.5, 4.0, 1);
+/// Magnitude of the faintest star, gain on their brightness, and seed of the sky. Next to sunlit bodies, real stars are invisible.
+const STARS: (f64, f64, u64) = (5.5, 3e4, 1);
 
 /// Number of pictures if no times are given.
 const PICTURES: usize = 6;
