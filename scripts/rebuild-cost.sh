@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # What an edit in each library costs to rebuild the executable `fuyu`: processor time and time, with the profiles release and quick.
-# The edit is a statement more in a function, which is removed afterwards. `clean` is a build from nothing, in a folder of its own.
+# The edit is a statement more in a function; all are removed at the end. `clean` is a build from nothing, in a folder of its own.
 #   scripts/rebuild-cost.sh [release|quick|clean]...
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -48,8 +48,7 @@ for profile in "${@:-release quick clean}"; do
         exit 1
       fi
       echo "| $profile | $file | $(cost cargo build --locked --profile "$profile" --bin fuyu) |"
-      git checkout --quiet "$file"
-      cargo build --quiet --locked --profile "$profile" --bin fuyu
     done
+    restore
   done
 done

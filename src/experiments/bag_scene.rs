@@ -25,6 +25,9 @@ const AMBIENT: f64 = 0.08;
 /// Magnitude of the faintest star, gain on their brightness, and seed of the sky. Next to sunlit bodies, real stars are invisible.
 const STARS: (f64, f64, u64) = (5.5, 3e4, 1);
 
+/// Spheres around the bodies are so much larger than they are, for an edge around the picture.
+const MARGIN: f64 = 1.1;
+
 /// Number of pictures if no times are given.
 const PICTURES: usize = 6;
 
@@ -327,7 +330,7 @@ impl RecordedBody {
     }
 }
 
-/// A camera that looks at the middle of the bodies and has all of them in view at all times.
+/// The nearest camera of the given direction that has all bodies in view at all times.
 fn placed_camera(
     bodies: &[Vec<Vec<Instance>>],
     options: &PictureOptions,
@@ -350,22 +353,20 @@ fn placed_camera(
             (R_WC.inverse() * p_W.coords, radius)
         })
         .collect();
-    let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
-    for (c, r) in &spheres {
-        low = low.inf(&c.add_scalar(-r));
-        high = high.sup(&c.add_scalar(*r));
+    if spheres.is_empty() {
+        let text = "nothing to draw: no description has a visual element that can be drawn";
+        return Err(PictureError::Input(text.to_owned()));
     }
-    let middle = 0.5 * (low + high);
     let vertical = (f64::from(height) / f64::from(width) * half.tan()).atan();
-    let mut distance = 0.0_f64;
-    for (c, r) in &spheres {
-        let c = c - middle;
-        // A sphere touches a side of the view if its centre is its radius away from that plane.
-        for (across, half) in [(c.x, half), (c.y, vertical)] {
-            distance = distance.max((across.abs() * half.cos() + r) / half.sin() - c.z);
-        }
-    }
-    let p_WC = R_WC * (middle - Vector3::z() * distance * options.distance);
+    let (x, from_sides) = between_sides(&spheres, 0, half);
+    let (y, from_top) = between_sides(&spheres, 1, vertical);
+    let depths = spheres.iter().map(|(c, _)| c.z);
+    let (near, far) = depths.fold((f64::MAX, f64::MIN), |(near, far), z| {
+        (near.min(z), far.max(z))
+    });
+    let middle = 0.5 * (near + far);
+    let z = middle - (middle - from_sides.min(from_top)) * options.distance;
+    let p_WC = R_WC * Vector3::new(x, y, z);
     let rotation = UnitQuaternion::from_rotation_matrix(&R_WC);
     Ok(
         camera.at(fuyu_render::Motion::at_rest(Isometry3::from_parts(
@@ -373,6 +374,22 @@ fn placed_camera(
             rotation,
         ))),
     )
+}
+
+/// Where a camera that looks along z must be for all spheres to be in its view along one of the axes across, x (0) or y (1),
+/// whose sides are `half` \[rad\] from the middle: the coordinate on that axis, and the largest z.
+///
+/// A sphere touches a side if its centre is its radius away from that plane. Each of the two sides is a bound on the
+/// position, and their corner is the point farthest ahead.
+fn between_sides(spheres: &[(Vector3<f64>, f64)], axis: usize, half: f64) -> (f64, f64) {
+    let (sin, cos) = half.sin_cos();
+    let most = |sign: f64| {
+        let each = spheres.iter();
+        each.map(|(c, r)| sign * c[axis] * cos + r * MARGIN - c.z * sin)
+            .fold(f64::MIN, f64::max)
+    };
+    let (one, other) = (most(1.0), most(-1.0));
+    ((one - other) / (2.0 * cos), -(one + other) / (2.0 * sin))
 }
 
 /// Axes of an optical frame that looks opposite to a direction, with the world's z upward in the picture.
@@ -468,8 +485,12 @@ mod tests {
             let right = w - 1 - drawn.iter().map(|p| p.0).max().unwrap();
             let top = drawn.iter().map(|p| p.1).min().unwrap();
             let bottom = h - 1 - drawn.iter().map(|p| p.1).max().unwrap();
-            let least = left.min(right).min(top).min(bottom);
-            assert!((1..40).contains(&least), "{left} {right} {top} {bottom}");
+            // In the tighter direction both sides are at the edge, in the other one the bodies are in the middle.
+            let edges = [left.max(right), top.max(bottom)];
+            assert!((1..60).contains(edges.iter().min().unwrap()), "{edges:?}");
+            assert!(left.min(right) > 0 && top.min(bottom) > 0, "{edges:?}");
+            assert!(left.abs_diff(right) < 60, "{left} {right}");
+            assert!(top.abs_diff(bottom) < 60, "{top} {bottom}");
         }
     }
 

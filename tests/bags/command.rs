@@ -186,7 +186,7 @@ fn render_draws_the_bodies_at_the_times_that_are_asked_for() {
     assert!(closer > 1.5 * first.2, "{closer} {}", first.2);
     // A film has equal intervals, and the default is an overview.
     let count = |output: Output| String::from_utf8(output.stdout).unwrap().lines().count();
-    assert_eq!(count(render(&["--every", "0.5"])), 4);
+    assert_eq!(count(render(&["--every", "0.5"])), 5);
     assert_eq!(count(render(&[])), 6);
     for (options, words) in [
         (&["--at", "99"][..], "--at 99: the run lasts from 0 to"),
