@@ -358,14 +358,19 @@ fn placed_camera(
         return Err(PictureError::Input(text.to_owned()));
     }
     let vertical = (f64::from(height) / f64::from(width) * half.tan()).atan();
-    let (x, from_sides) = between_sides(&spheres, 0, half);
-    let (y, from_top) = between_sides(&spheres, 1, vertical);
+    let (_, from_sides) = between_sides(&spheres, 0, half);
+    let (_, from_top) = between_sides(&spheres, 1, vertical);
+    let z = from_sides.min(from_top);
+    let (x, y) = (
+        in_the_middle(&spheres, 0, half, z),
+        in_the_middle(&spheres, 1, vertical, z),
+    );
     let depths = spheres.iter().map(|(c, _)| c.z);
     let (near, far) = depths.fold((f64::MAX, f64::MIN), |(near, far), z| {
         (near.min(z), far.max(z))
     });
     let middle = 0.5 * (near + far);
-    let z = middle - (middle - from_sides.min(from_top)) * options.distance;
+    let z = middle - (middle - z) * options.distance;
     let p_WC = R_WC * Vector3::new(x, y, z);
     let rotation = UnitQuaternion::from_rotation_matrix(&R_WC);
     Ok(
@@ -390,6 +395,20 @@ fn between_sides(spheres: &[(Vector3<f64>, f64)], axis: usize, half: f64) -> (f6
     };
     let (one, other) = (most(1.0), most(-1.0));
     ((one - other) / (2.0 * cos), -(one + other) / (2.0 * sin))
+}
+
+/// Coordinate on an axis across of a camera at `z` with the spheres in the middle of its view: as near to one side as to the
+/// other, by the narrowest view that has all of them.
+fn in_the_middle(spheres: &[(Vector3<f64>, f64)], axis: usize, half: f64, z: f64) -> f64 {
+    let (mut narrow, mut wide) = (0.0, half);
+    for _ in 0..50 {
+        let tried = 0.5 * (narrow + wide);
+        match between_sides(spheres, axis, tried).1 >= z {
+            true => wide = tried,
+            false => narrow = tried,
+        }
+    }
+    between_sides(spheres, axis, wide).0
 }
 
 /// Axes of an optical frame that looks opposite to a direction, with the world's z upward in the picture.
