@@ -168,7 +168,7 @@ fn render_draws_the_bodies_at_the_times_that_are_asked_for() {
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     assert_eq!(stderr(&output), "");
     let listed = String::from_utf8(output.stdout).unwrap();
-    let names = ["scene_00000.00s.png", "scene_00001.98s.png"];
+    let names = ["scene_00000.000s.png", "scene_00001.980s.png"];
     let paths = names.map(|name| folder.join(name));
     let lines: Vec<&Path> = listed.lines().map(Path::new).collect();
     assert_eq!(lines, paths);
