@@ -12,7 +12,7 @@ use crate::msg::{nav_msgs::Odometry, sensor_msgs::JointState, std_msgs};
 enum BodyMessage {
     Description(String),
     Joints(JointState),
-    Odometry(Odometry),
+    Odometry(Box<Odometry>),
 }
 
 impl BodyMessage {
@@ -33,7 +33,8 @@ impl BodyMessage {
                 let of_robot = below("/ground_truth/odom");
                 let of_target = || below("/odom").filter(|namespace| is_of_target(namespace));
                 let namespace = of_robot.or_else(of_target)?;
-                Some((namespace, Self::Odometry(message.decode().ok()?)))
+                let odometry = message.decode().ok()?;
+                Some((namespace, Self::Odometry(Box::new(odometry))))
             }
             _ => None,
         }
@@ -128,7 +129,7 @@ pub fn recorded_bodies(bag: &Bag, run: usize, stamps: &[i64]) -> BTreeMap<String
                 (body.joints).push(stamps, joints.header.stamp.nanos(), joints);
             }
             BodyMessage::Odometry(odometry) if of == run => {
-                (body.odometry).push(stamps, odometry.header.stamp.nanos(), odometry);
+                (body.odometry).push(stamps, odometry.header.stamp.nanos(), *odometry);
             }
             _ => {}
         }
