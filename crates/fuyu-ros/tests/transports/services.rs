@@ -96,15 +96,20 @@ fn a_service_is_called_from_its_own_and_from_another_session_over(network: &Netw
     }
 }
 
-/// Key expression of the service `sum`, of any type.
+/// Key expressions of the services `sum` and `other`, of any type.
 const SUM: &str = "0/sum/*/*";
+const OTHER: &str = "0/other/*/*";
 
 /// A server that speaks Zenoh only. It ends the first `ended` queries of the service without a reply, and answers 3 to the
 /// others. Returns the attachments of all queries.
-fn raw_server(session: &zenoh::Session, ended: usize) -> Arc<Mutex<Vec<Vec<u8>>>> {
+fn raw_server(
+    session: &zenoh::Session,
+    key: &'static str,
+    ended: usize,
+) -> Arc<Mutex<Vec<Vec<u8>>>> {
     let attachments = Arc::new(Mutex::new(Vec::new()));
     let arrived = Arc::clone(&attachments);
-    let queryable = session.declare_queryable(SUM).complete(true);
+    let queryable = session.declare_queryable(key).complete(true);
     let queryable = queryable.callback(move |query| {
         let attachment = query.attachment().expect("it has one").to_bytes().to_vec();
         let mut arrived = arrived.lock().unwrap();
@@ -131,7 +136,7 @@ fn a_request_whose_query_ends_is_sent_again() {
     let mut process = router.process(0);
     let client = process.start("client", idle).expect("it starts");
     let sum = client.client::<AddTwoInts>("sum").expect("a client");
-    let attachments = raw_server(&server, 1);
+    let attachments = raw_server(&server, SUM, 1);
     let request = AddTwoIntsRequest { a: 1, b: 2 };
     let call = sum.send(&request).expect("it is sent");
     eventually("the reply arrives", || call.is_ready());
@@ -149,7 +154,7 @@ fn a_request_is_sent_six_times_at_most() {
     let mut process = router.process(0);
     let client = process.start("client", idle).expect("it starts");
     let sum = client.client::<AddTwoInts>("sum").expect("a client");
-    let attachments = raw_server(&server, usize::MAX);
+    let attachments = raw_server(&server, SUM, usize::MAX);
     let request = AddTwoIntsRequest { a: 1, b: 2 };
     let call = sum.send(&request).expect("it is sent");
     eventually("it is sent six times", || {
@@ -171,12 +176,17 @@ fn a_request_to_a_server_of_the_same_process_is_not_sent_again() {
     let _sum = server
         .serve::<AddTwoInts>("sum", |r| AddTwoIntsResponse { sum: r.a + r.b })
         .expect("it serves");
-    let sum = client.client::<AddTwoInts>("sum").expect("a client");
+    raw_server(&elsewhere, OTHER, 0);
+    let [sum, other] = ["sum", "other"].map(|service| client.client::<AddTwoInts>(service));
+    let (sum, other) = (sum.expect("a client"), other.expect("a client"));
     let request = AddTwoIntsRequest { a: 1, b: 2 };
     let reply = sum.call(&request, PATIENCE).expect("it replies");
     assert_eq!(reply.sum, 3);
-    // It is there before the second attempt would be, and waits for the last one.
-    let attachments = raw_server(&elsewhere, 0);
+    // The router takes the messages of a session in order: after this reply, the first attempt has ended there.
+    let call = other.send(&request).expect("it is sent");
+    eventually("the reply arrives", || call.is_ready());
+    // It is there before the last attempt would be, and waits for it.
+    let attachments = raw_server(&elsewhere, SUM, 0);
     std::thread::sleep(Duration::from_millis(500));
     assert_eq!(attachments.lock().unwrap().len(), 0);
 }
