@@ -206,6 +206,12 @@ impl Problem {
         }
     }
 
+    /// The same for an estimator that knows that no torque acts.
+    pub fn without_torque(mut self) -> Self {
+        self.options.widths.acceleration = 0.0;
+        self
+    }
+
     /// Solves it and compares.
     pub fn solve(&self) -> Outcome {
         let start = Instant::now();
