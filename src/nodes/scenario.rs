@@ -306,13 +306,8 @@ impl Scenario {
             }
             "teleop" => {
                 let params = self.parameters_of(name, TeleopParams::declare)?;
-                let is_controller =
-                    |n: &&NodeName| n.name() == "controller" && n.namespace() == name.namespace();
-                if let Some(controller) = self.nodes.iter().find(is_controller) {
-                    return Err(at(format!(
-                        "{controller} commands the same joints; name one of the two"
-                    )));
-                }
+                self.refuse_next_to(name, &["controller"], "commands the same joints")
+                    .map_err(at)?;
                 let robot = self.robot(name.namespace());
                 robot.map_or(Ok(()), |robot| {
                     let tip = tip_frame(&robot, &params.tip_link);
@@ -321,17 +316,12 @@ impl Scenario {
             }
             "mission" => {
                 let params = self.parameters_of(name, MissionParams::declare)?;
-                let mut neighbours =
-                    (self.nodes.iter()).filter(|other| other.namespace() == name.namespace());
-                let rival = neighbours.find_map(|other| match other.name() {
-                    "controller" | "teleop" => Some((other, "commands the same joints")),
-                    // Plans of the arm are for a base that floats freely.
-                    "attitude" => Some((other, "holds the base, which must float freely")),
-                    _ => None,
-                });
-                if let Some((rival, reason)) = rival {
-                    return Err(at(format!("{rival} {reason}; name one of the two")));
-                }
+                self.refuse_next_to(name, &["controller", "teleop"], "commands the same joints")
+                    .map_err(at)?;
+                // Plans of the arm are for a base that floats freely.
+                let reason = "holds the base, which must float freely";
+                self.refuse_next_to(name, &["attitude"], reason)
+                    .map_err(at)?;
                 let robot = self.robot(name.namespace());
                 robot.map_or(Ok(()), |robot| params.mission(&robot).map(drop).map_err(at))
             }
@@ -404,6 +394,16 @@ impl Scenario {
             .chain(attitudes.filter_map(of_attitude))
             .chain(trackers.filter_map(of_tracker))
             .collect()
+    }
+
+    /// An error if a node called one of `others` is in the namespace of `name`; `reason` is what it does.
+    fn refuse_next_to(&self, name: &NodeName, others: &[&str], reason: &str) -> Result<(), String> {
+        let is_other =
+            |n: &&NodeName| others.contains(&n.name()) && n.namespace() == name.namespace();
+        match self.nodes.iter().find(is_other) {
+            Some(other) => Err(format!("{other} {reason}; name one of the two")),
+            None => Ok(()),
+        }
     }
 
     /// The robot that the dynamics node of a namespace simulates, if there is one and it is valid.

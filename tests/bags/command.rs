@@ -2,12 +2,12 @@
 
 use serde_json::Value;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use crate::run::{self, Setup};
 use crate::sample;
-use fuyu::bag::WriterOptions;
+use fuyu::bag::{Writer, WriterOptions};
 
 fn fuyu(args: &[&str], bag: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_fuyu"))
@@ -20,6 +20,14 @@ fn fuyu(args: &[&str], bag: &Path) -> Output {
 
 fn stderr(output: &Output) -> String {
     String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+/// A bag without topics in `folder`.
+fn empty_bag(folder: &Path) -> PathBuf {
+    let path = folder.join("empty");
+    let writer = Writer::create(&path, WriterOptions::default()).unwrap();
+    writer.finish().unwrap();
+    path
 }
 
 fn json(output: &Output) -> Value {
@@ -126,11 +134,7 @@ fn plot_draws_what_the_bag_has() {
         assert!(png.starts_with(b"\x89PNG"), "{name}");
     }
     // There is nothing to draw in a bag without a recorded run.
-    let empty = dir.path().join("empty");
-    fuyu::bag::Writer::create(&empty, WriterOptions::default())
-        .unwrap()
-        .finish()
-        .unwrap();
+    let empty = empty_bag(dir.path());
     let output = fuyu(&["plot"], &empty);
     assert_eq!(output.status.code(), Some(2));
     assert!(
@@ -203,11 +207,7 @@ fn render_draws_the_bodies_at_the_times_that_are_asked_for() {
         assert_eq!(output.status.code(), Some(2), "{options:?}");
         assert!(stderr(&output).contains(words), "{}", stderr(&output));
     }
-    let empty = dir.path().join("empty");
-    fuyu::bag::Writer::create(&empty, WriterOptions::default())
-        .unwrap()
-        .finish()
-        .unwrap();
+    let empty = empty_bag(dir.path());
     let output = fuyu(&["render"], &empty);
     assert_eq!(output.status.code(), Some(2));
     assert!(stderr(&output).contains("nothing to draw: no ground_truth/odom"));

@@ -133,14 +133,14 @@ pub fn render_bag(
     let camera = placed_camera(&bodies, options)?;
     let mut scene = lit_scene(&camera);
     let mut renderer = Renderer::default();
+    let run = match options.run {
+        1 => String::new(),
+        run => format!("run{run}_"),
+    };
     for (k, time) in times.iter().enumerate() {
         scene.instances.clear();
         let parts = bodies.iter().flat_map(|body| body[k].iter().cloned());
         scene.instances.extend(parts);
-        let run = match options.run {
-            1 => String::new(),
-            run => format!("run{run}_"),
-        };
         let path = folder.join(format!("{run}scene_{time:09.3}s.png"));
         write(&renderer.render(&scene, &camera), &path)?;
         pictures.paths.push(path);

@@ -8,6 +8,9 @@ use crate::experiments::recorded_names::is_of_target;
 use crate::experiments::recorded_runs::RunCounter;
 use crate::msg::{nav_msgs::Odometry, sensor_msgs::JointState, std_msgs};
 
+/// Type of the messages with poses.
+const ODOMETRY: &str = "nav_msgs/msg/Odometry";
+
 /// A message of a body, by the last parts of its topic.
 enum BodyMessage {
     Description(String),
@@ -22,14 +25,15 @@ impl BodyMessage {
         let below = |suffix: &str| topic.name.strip_suffix(suffix).map(str::to_owned);
         match topic.type_name.as_str() {
             "std_msgs/msg/String" => {
+                let namespace = below("/robot_description")?;
                 let text: std_msgs::String = message.decode().ok()?;
-                Some((below("/robot_description")?, Self::Description(text.data)))
+                Some((namespace, Self::Description(text.data)))
             }
             "sensor_msgs/msg/JointState" => {
                 let namespace = below("/joint_states")?;
                 Some((namespace, Self::Joints(message.decode().ok()?)))
             }
-            "nav_msgs/msg/Odometry" => {
+            ODOMETRY => {
                 let of_robot = below("/ground_truth/odom");
                 let of_target = || below("/odom").filter(|namespace| is_of_target(namespace));
                 let namespace = of_robot.or_else(of_target)?;
@@ -48,7 +52,9 @@ pub fn time_range(bag: &Bag, run: usize) -> Result<(i64, i64), PictureError> {
     let mut runs = 0;
     bag.messages().for_each(|message| {
         let of = counter.run_of(&message) + 1;
-        if let Some((_, BodyMessage::Odometry(odometry))) = BodyMessage::of(&message) {
+        if message.topic.type_name == ODOMETRY
+            && let Some((_, BodyMessage::Odometry(odometry))) = BodyMessage::of(&message)
+        {
             runs = runs.max(of);
             if of == run {
                 let stamp = odometry.header.stamp.nanos();
