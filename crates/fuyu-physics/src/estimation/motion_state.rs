@@ -12,6 +12,9 @@ use crate::spatial::exp_so3;
 /// on the scale of an inertia of trace 3), angular acceleration due to torques (3, inertial axes).
 pub const STATES: usize = 3 + PARAMETERS + 3;
 
+/// Index of the momentum.
+pub const MOMENTUM: usize = 3 + 5;
+
 /// Index of the angular acceleration.
 const ACCELERATION: usize = 3 + PARAMETERS;
 
@@ -36,8 +39,8 @@ const SEED: u64 = 20;
 const ISOTROPIC: f64 = 0.15;
 const ISOTROPIC_PER_RADIAN: f64 = 0.6;
 
-/// Standard deviation of a rotation up to which a few bodies of other shapes stand for all \[rad\].
-const FEW_STAND_FOR_ALL: f64 = 0.3;
+/// The same for other motions, relative to that.
+const ISOTROPIC_OF_OTHERS: f64 = 0.5;
 
 /// Error states.
 type StateVector = SVector<f64, STATES>;
@@ -181,12 +184,6 @@ impl MotionState {
             ..self.clone()
         };
         let mut covariances = known.linear_or_sampled(times);
-        // Where little is known, a few bodies do not stand for all.
-        let open = Self {
-            others: None,
-            ..self.clone()
-        };
-        let of_all = open.linear_or_sampled(times);
         let nominal = self.motion.attitudes(times);
         for (weight, other) in &others.motions {
             for ((sum, R), nominal) in
@@ -196,7 +193,7 @@ impl MotionState {
                 *sum += error * error.transpose() * *weight;
             }
         }
-        // A few bodies show the size of the errors better than their directions: one of n is the part of one of them.
+        // Few motions show the size of the errors better than their directions: one of n is the part of one of them.
         let squares: f64 = others
             .motions
             .iter()
@@ -205,12 +202,8 @@ impl MotionState {
         let weights: f64 = others.motions.iter().map(|(weight, _)| weight).sum();
         let few = squares / (weights * weights).max(1e-12);
         for sum in &mut covariances {
-            *sum = widened(sum, weights * (isotropic(sum) + few).min(1.0));
-        }
-        for (sum, all) in covariances.iter_mut().zip(of_all) {
-            let deviation = sum.trace().max(0.0).sqrt();
-            let excess = deviation / FEW_STAND_FOR_ALL - 1.0;
-            *sum += all * (0.5 * excess.clamp(0.0, 1.0));
+            let share = ISOTROPIC_OF_OTHERS * isotropic(sum) + few;
+            *sum = widened(sum, weights * share.min(1.0));
         }
         covariances
     }
@@ -280,7 +273,7 @@ impl MotionState {
     /// The motion of a state that differs by `step`. The angular velocity changes to first order with the step, so
     /// that an uncertain inertia does not make it uncertain; the momentum follows.
     fn disturbed(&self, step: &StateVector) -> Option<FreeMotion> {
-        let (w, slope) = self.angular_velocity_slope();
+        let (w, slope) = angular_velocity_by_state(&self.motion);
         let w_W = w + slope * step;
         let shape = shape_of(&self.motion.inertia) + step.fixed_rows::<5>(3);
         let R_WB = self.motion.R_WB * exp_so3(&step.fixed_rows::<3>(0).into_owned());
@@ -333,28 +326,8 @@ impl MotionState {
 
     /// Angular velocity in inertial axes \[rad/s\], and its covariance.
     pub fn angular_velocity(&self) -> (Vector3<f64>, Matrix3<f64>) {
-        let (w, slope) = self.angular_velocity_slope();
+        let (w, slope) = angular_velocity_by_state(&self.motion);
         (w, slope * self.covariance * slope.transpose())
-    }
-
-    /// Angular velocity in inertial axes \[rad/s\], and its derivatives by the states.
-    fn angular_velocity_slope(&self) -> (Vector3<f64>, SMatrix<f64, 3, STATES>) {
-        let R = *self.motion.R_WB.to_rotation_matrix().matrix();
-        let w = self.motion.w_WB_B(&self.motion.R_WB);
-        let mut slope = SMatrix::<f64, 3, STATES>::zeros();
-        let Some(inverse) = self.motion.inertia.try_inverse() else {
-            return (R * w, slope);
-        };
-        let h = R.tr_mul(&self.motion.momentum);
-        let by_turn = R * (inverse * h.cross_matrix() - w.cross_matrix());
-        slope.fixed_columns_mut::<3>(0).copy_from(&by_turn);
-        slope
-            .fixed_columns_mut::<5>(3)
-            .copy_from(&(-R * inverse * shape_times(&w)));
-        slope
-            .fixed_columns_mut::<3>(8)
-            .copy_from(&(R * inverse * R.transpose()));
-        (R * w, slope)
     }
 
     /// Covariance of the attitude \[rad²\], as a rotation in inertial axes.
@@ -437,6 +410,26 @@ impl MotionState {
             ..self.clone()
         })
     }
+}
+
+/// Angular velocity of a motion at its time in inertial axes \[rad/s\], and its derivatives by the states.
+pub fn angular_velocity_by_state(motion: &FreeMotion) -> (Vector3<f64>, SMatrix<f64, 3, STATES>) {
+    let R = *motion.R_WB.to_rotation_matrix().matrix();
+    let w = motion.w_WB_B(&motion.R_WB);
+    let mut slope = SMatrix::<f64, 3, STATES>::zeros();
+    let Some(inverse) = motion.inertia.try_inverse() else {
+        return (R * w, slope);
+    };
+    let h = R.tr_mul(&motion.momentum);
+    let by_turn = R * (inverse * h.cross_matrix() - w.cross_matrix());
+    slope.fixed_columns_mut::<3>(0).copy_from(&by_turn);
+    slope
+        .fixed_columns_mut::<5>(3)
+        .copy_from(&(-R * inverse * shape_times(&w)));
+    slope
+        .fixed_columns_mut::<3>(MOMENTUM)
+        .copy_from(&(R * inverse * R.transpose()));
+    (R * w, slope)
 }
 
 /// Moves a motion to `time` \[s\] under torques of `acceleration` (inertial axes, [`MotionState::acceleration`]). Returns

@@ -106,6 +106,23 @@ fn errors_are_within_their_covariances() {
     }
 }
 
+/// Short rotations whose estimates were wrong with confidence: centres of mass far away from the body (96, 157, 224),
+/// the sharp minimum of a thin rod (295), an inertia at the limit of what bodies can have (186, 314), and hypotheses
+/// about depth that were tried with spheres only (332).
+#[test]
+fn short_rotations_are_wrong_without_confidence_at_most() {
+    for seed in [96, 157, 186, 224, 295, 314, 332] {
+        let problem = Problem::new(Category::ShortTurn, seed);
+        let (off, error, deviation) = problem.solve().result.unwrap();
+        let (error, deviation) = (error.to_degrees(), deviation.to_degrees());
+        assert!(
+            off < 4.5,
+            "seed {seed}: {off} sigma, {error} deg, reported {deviation} deg"
+        );
+        assert!(deviation < 180.0, "seed {seed}: reported {deviation} deg");
+    }
+}
+
 /// `FUYU_JUDGE=24 FUYU_CATEGORY=gyro cargo test ... judged -- --ignored --nocapture`, with `FUYU_NO_TORQUE=1` as well.
 #[test]
 #[ignore = "minutes"]

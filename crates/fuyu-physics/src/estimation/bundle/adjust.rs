@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use super::intrinsics::INTRINSICS;
 use super::pixel_likelihood::PixelLikelihood;
 use super::pose_model::{FramePose, PoseModel};
-use super::scene::Scene;
+use super::scene::{CentrePrior, Scene};
 use super::schur::{Step, System};
 
 /// Unknowns of a frame: pose and intrinsics.
@@ -45,7 +45,10 @@ pub fn adjust<const L: usize, const G: usize, M: PoseModel<L, G>>(
     adjust_options: &AdjustOptions,
 ) -> Option<AdjustOutcome> {
     let mut system = System::<L, G>::new(scene.points);
-    let mut cost = total_cost(scene, motion, points, &adjust_options.likelihood)?;
+    let centre = scene.centre_prior(points);
+    let of_centre = |points: &[Vector3<f64>]| centre.as_ref().map_or(0.0, |c| c.cost(points));
+    let likelihood = &adjust_options.likelihood;
+    let mut cost = total_cost(scene, motion, points, likelihood)? + of_centre(points);
     let (mut damping, mut growth) = (1e-7, 4.0);
     let mut steps = 0;
     let mut is_linearised = false;
@@ -55,7 +58,8 @@ pub fn adjust<const L: usize, const G: usize, M: PoseModel<L, G>>(
                 scene,
                 motion,
                 points,
-                &adjust_options.likelihood,
+                likelihood,
+                centre.as_ref(),
                 &mut system,
             );
             is_linearised = true;
@@ -63,7 +67,8 @@ pub fn adjust<const L: usize, const G: usize, M: PoseModel<L, G>>(
         steps += 1;
         let tried = system.step(damping).and_then(|step| {
             let (moved, moved_points) = apply(motion, points, &step)?;
-            let reached = total_cost(scene, &moved, &moved_points, &adjust_options.likelihood)?;
+            let reached = total_cost(scene, &moved, &moved_points, likelihood)?;
+            let reached = reached + of_centre(&moved_points);
             Some((step.predicted_decrease, moved, moved_points, reached))
         });
         match tried {
@@ -92,7 +97,12 @@ pub fn adjust<const L: usize, const G: usize, M: PoseModel<L, G>>(
             }
         }
     }
-    Some(AdjustOutcome { cost, steps })
+    // With the prior of the points as they are now.
+    let at_end = scene.centre_prior(points).map_or(0.0, |c| c.cost(points));
+    Some(AdjustOutcome {
+        cost: cost - of_centre(points) + at_end,
+        steps,
+    })
 }
 
 /// Normal equations of the common unknowns, with everything else eliminated \[px²\].
@@ -115,7 +125,15 @@ pub fn reduced_normal<const L: usize, const G: usize, M: PoseModel<L, G>>(
     with_points: bool,
 ) -> Option<ReducedNormal<G>> {
     let mut system = System::<L, G>::new(scene.points);
-    linearise(scene, motion, points, likelihood, &mut system);
+    let centre = scene.centre_prior(points);
+    linearise(
+        scene,
+        motion,
+        points,
+        likelihood,
+        centre.as_ref(),
+        &mut system,
+    );
     let (hessian, gradient) = system.marginal()?;
     Some(ReducedNormal {
         hessian,
@@ -166,9 +184,15 @@ fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
     motion: &M,
     points: &[Vector3<f64>],
     likelihood: &PixelLikelihood,
+    centre: Option<&CentrePrior>,
     system: &mut System<L, G>,
 ) {
     system.clear();
+    if let Some(CentrePrior { weight, about }) = centre {
+        for (k, (p, q)) in points.iter().zip(about).enumerate() {
+            system.add_point(k, &(Matrix3::identity() * *weight), &((p - q) * *weight));
+        }
+    }
     let lens = motion.intrinsics().lens(&scene.focal);
     // Unknowns of a frame: rotation (3), translation (3), and the model's intrinsics.
     let unknowns = 6 + M::CAMERA;
@@ -356,17 +380,21 @@ mod tests {
 
     #[test]
     fn gradients_match_finite_differences() {
-        let (scene, motion, points) = small();
+        let (mut scene, motion, points) = small();
+        scene.expect_centre(30.0);
+        let centre = scene.centre_prior(&points);
         let mut system = System::<6, 1>::new(6);
         linearise(
             &scene,
             &motion,
             &points,
             &PixelLikelihood::Huber(1.2),
+            centre.as_ref(),
             &mut system,
         );
         let cost = |m: &IndependentPoses, p: &[Vector3<f64>]| {
-            total_cost(&scene, m, p, &PixelLikelihood::Huber(1.2)).unwrap()
+            let of_images = total_cost(&scene, m, p, &PixelLikelihood::Huber(1.2)).unwrap();
+            of_images + centre.as_ref().unwrap().cost(p)
         };
         let h = 1e-6;
         let close = |analytic: f64, up: f64, down: f64| {

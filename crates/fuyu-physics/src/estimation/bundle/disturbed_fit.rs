@@ -5,19 +5,20 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::CentreMotion;
 use super::adjust::{AdjustOptions, adjust, reduced_normal};
+use super::body_samples::BodySamples;
 use super::free_motion::SHAPE_SPREAD;
+use super::information::Inverse;
 use super::inlier_gate::{INLIER_GATE, gate_and_evaluate};
 use super::intrinsics::INTRINSICS;
 use super::lasting_errors::lasting_errors;
 use super::model_fit::{ModelFit, dispersion, refine_with_rounding};
-use super::other_shapes::other_shapes;
 use super::pixel_likelihood::PixelLikelihood;
 use super::pose_model::disturbed::{Disturbed, Scales};
 use super::pose_model::{FramePose, PoseModel};
 use super::prior_scales::best_scales;
 use super::scene::Scene;
 use super::structure::SolverSettings;
-use crate::estimation::motion_state::{MotionState, OtherMotions, StateCovariance};
+use crate::estimation::motion_state::{MotionState, StateCovariance};
 
 /// Rounds of adjustment and choice of the priors' widths.
 const ROUNDS: usize = 2;
@@ -30,8 +31,10 @@ const AGREEING: f64 = 5.0;
 /// variance): half the 95 % point of a chi-squared variable of five degrees of freedom.
 const SHAPE_GAIN: f64 = 5.5;
 
-/// Information that is added to directions which vanish in rounding, relative to that of single unknowns.
-const LEAST_INFORMATION: [f64; 4] = [0.0, 1e-14, 1e-12, 1e-10];
+/// Searches for a more probable body at most, and the difference of two minima's costs below which they are the same one
+/// (in units of the noise variance).
+const SEARCHES: usize = 4;
+const NEARBY: f64 = 3.0;
 
 /// The fit and what it says about the last frame.
 pub struct DisturbedFit {
@@ -55,6 +58,17 @@ pub struct DisturbedFit {
     pub intrinsic_deviations: SVector<f64, INTRINSICS>,
 }
 
+/// A fit whose prior widths the images have chosen.
+#[derive(Debug, Clone)]
+pub struct EvaluatedFit<const G: usize> {
+    /// The fit.
+    pub fit: ModelFit<Disturbed>,
+    /// Factor on the variance of the images for errors that last.
+    pub lasting: f64,
+    /// Covariance of the common unknowns.
+    pub covariance: SMatrix<f64, G, G>,
+}
+
 /// Fits `start` with disturbances and evaluates it. `None` if the normal equations cannot be solved.
 pub fn fit_with_disturbances<const L: usize, const G: usize>(
     scene: &mut Scene,
@@ -67,88 +81,40 @@ where
     Disturbed: PoseModel<L, G>,
 {
     let likelihood = PixelLikelihood::Huber(4.0 * settings.noise);
-    let adjust_options = AdjustOptions {
-        likelihood,
-        steps: 8,
-        tolerance: 1e-5,
-    };
-    let limit = INLIER_GATE * settings.noise;
-    let (mut model, mut points) = (start, points);
-    let mut cost = adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?.cost;
-    if model.shape_spread < SHAPE_SPREAD {
-        let residuals = gate_and_evaluate::<L, G, _>(&mut scene.clone(), &model, &points, limit);
-        let (mut other, mut moved) = (model.clone(), points.clone());
-        other.shape_spread = SHAPE_SPREAD;
-        let reached = adjust::<L, G, _>(scene, &mut other, &mut moved, &adjust_options);
-        let gain = SHAPE_GAIN * residuals.deviation.powi(2);
-        if let Some(reached) = reached.filter(|r| r.cost + gain < cost) {
-            (model, points, cost) = (other, moved, reached.cost);
-        }
-    }
-    for _ in 0..ROUNDS {
-        let residuals = gate_and_evaluate::<L, G, _>(scene, &model, &points, limit);
-        let lasting = lasting_errors::<L, G, _>(scene, &model, &points);
-        let variance = (lasting * residuals.deviation.powi(2)).max(f64::MIN_POSITIVE);
-        let (hessian, gradient) = of_images::<L, G>(scene, &model, &points, &likelihood)?;
-        let scales = best_scales(
-            &(hessian / variance),
-            &(gradient / variance),
-            &model.distances::<L, G>(),
-            |scales| model.deviations::<L, G>(scales),
-            model.scales,
-        );
-        if scales == model.scales {
-            break;
-        }
-        model.scales = scales;
-        cost = adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?.cost;
-    }
-    let residuals = gate_and_evaluate::<L, G, _>(scene, &model, &points, limit);
-    let lasting = lasting_errors::<L, G, _>(scene, &model, &points);
-    let mut fit = ModelFit {
-        motion: model,
-        points,
-        residuals,
-        cost,
-    };
-    let first = covariance_of::<L, G>(scene, &fit, &likelihood, lasting, false)?;
+    let (first, samples) = search::<L, G>(scene, start, points, settings)?;
+    let lasting = first.lasting;
+    let mut fit = first.fit.clone();
     let deviations = fit.motion.deviations::<L, G>(fit.motion.scales);
-    let share = |k: usize| (first.0[(k, k)] / deviations[k].max(1e-9).powi(2)).clamp(0.0, 1.0);
+    let share =
+        |k: usize| (first.covariance[(k, k)] / deviations[k].max(1e-9).powi(2)).clamp(0.0, 1.0);
     fit.motion.held = (0..G).map(share).sum();
     let by_least_squares = fit.clone();
     let mut rounding = refine_with_rounding::<L, G, _>(scene, &mut fit, settings);
-    let mut found = first.clone();
+    let mut covariance = first.covariance;
     if rounding != likelihood {
-        let refined = covariance_of::<L, G>(scene, &fit, &rounding, lasting, false);
-        let agrees = |refined: &(SMatrix<f64, G, G>, Vec<Matrix3<f64>>)| {
-            differs_by::<L, G>(&by_least_squares.motion, &fit.motion, &first.0) < AGREEING
-                && refined.0.trace().is_finite()
+        let refined = covariance_of::<L, G>(scene, &fit, &rounding, lasting);
+        let agrees = |refined: &SMatrix<f64, G, G>| {
+            differs_by::<L, G>(&by_least_squares.motion, &fit.motion, &first.covariance) < AGREEING
+                && refined.trace().is_finite()
         };
         match refined.filter(agrees) {
-            Some(refined) => found = refined,
-            None => {
-                fit = by_least_squares.clone();
-                rounding = likelihood;
-            }
+            Some(refined) => covariance = refined,
+            None => (fit, rounding) = (by_least_squares, likelihood),
         }
     }
-    if with_points {
-        found.1 = covariance_of::<L, G>(scene, &fit, &rounding, lasting, true)?.1;
-    }
-    let (covariance, point_covariances) = found;
-    let others = other_shapes::<L, G>(
-        scene,
-        &by_least_squares,
-        &covariance,
-        settings.noise,
-        lasting,
-    );
+    let point_covariances = match with_points {
+        true => {
+            let variance = lasting * dispersion::<L, G, _>(scene, &fit, &rounding);
+            let normal =
+                reduced_normal::<L, G, _>(scene, &fit.motion, &fit.points, &rounding, true)?;
+            normal.points.iter().map(|c| c * variance).collect()
+        }
+        false => Vec::new(),
+    };
     let model = fit.motion;
     let (motion, acceleration, by_common) = model.last_state::<G>();
-    let of_state = |covariance: &SMatrix<f64, G, G>| -> StateCovariance {
-        let state = by_common * covariance * by_common.transpose();
-        (state + state.transpose()) * 0.5
-    };
+    let others = samples.and_then(|samples| samples.motions(scene, &motion, &rounding));
+    let state: StateCovariance = by_common * covariance * by_common.transpose();
     let widths = model.widths();
     let walk = widths.acceleration * model.scales.torque * (2.0 / widths.correlation_time).sqrt();
     let deviations = SVector::<f64, INTRINSICS>::from_fn(|k, _| {
@@ -173,12 +139,9 @@ where
         state: MotionState {
             motion,
             acceleration,
-            covariance: of_state(&covariance),
+            covariance: (state + state.transpose()) * 0.5,
             acceleration_walk: walk,
-            others: others.map(|others| OtherMotions {
-                motions: others.motions,
-                conditional: of_state(&others.conditional),
-            }),
+            others,
         },
         centre,
         intrinsic_deviations: deviations,
@@ -187,6 +150,109 @@ where
         residuals: fit.residuals,
         lasting,
         model,
+    })
+}
+
+/// The most probable fit that is found from `start`, and samples of other bodies if the images leave the inertia open.
+fn search<const L: usize, const G: usize>(
+    scene: &mut Scene,
+    start: Disturbed,
+    points: Vec<Vector3<f64>>,
+    settings: &SolverSettings,
+) -> Option<(EvaluatedFit<G>, Option<BodySamples<L, G>>)>
+where
+    Disturbed: PoseModel<L, G>,
+{
+    let adjust_options = AdjustOptions {
+        likelihood: PixelLikelihood::Huber(4.0 * settings.noise),
+        steps: 8,
+        tolerance: 1e-5,
+    };
+    let limit = INLIER_GATE * settings.noise;
+    let (mut model, mut points) = (start, points);
+    let mut cost = adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?.cost;
+    if model.shape_spread < SHAPE_SPREAD {
+        let residuals = gate_and_evaluate::<L, G, _>(&mut scene.clone(), &model, &points, limit);
+        let (mut other, mut moved) = (model.clone(), points.clone());
+        other.shape_spread = SHAPE_SPREAD;
+        let reached = adjust::<L, G, _>(scene, &mut other, &mut moved, &adjust_options);
+        let gain = SHAPE_GAIN * residuals.deviation.powi(2);
+        if let Some(reached) = reached.filter(|r| r.cost + gain < cost) {
+            (model, points, cost) = (other, moved, reached.cost);
+        }
+    }
+    let mut found = with_chosen_widths::<L, G>(scene, model, points, cost, settings)?;
+    let mut samples = BodySamples::<L, G>::draw(scene, &found, settings.noise);
+    for _ in 0..SEARCHES {
+        let Some((mut model, mut points)) = samples.as_ref().and_then(BodySamples::more_probable)
+        else {
+            break;
+        };
+        let adjust_options = AdjustOptions {
+            steps: 40,
+            ..adjust_options
+        };
+        let reached = adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?;
+        let variance = found.lasting * found.fit.residuals.deviation.powi(2);
+        let change = (found.fit.cost - reached.cost).abs();
+        found = with_chosen_widths::<L, G>(scene, model, points, reached.cost, settings)?;
+        // The samples of a minimum nearby are those of this one.
+        if change < NEARBY * variance {
+            break;
+        }
+        samples = BodySamples::draw(scene, &found, settings.noise);
+    }
+    Some((found, samples))
+}
+
+/// Chooses the widths of the priors by the images, and adjusts again. `cost` is that of `model` as it is.
+fn with_chosen_widths<const L: usize, const G: usize>(
+    scene: &mut Scene,
+    mut model: Disturbed,
+    mut points: Vec<Vector3<f64>>,
+    mut cost: f64,
+    settings: &SolverSettings,
+) -> Option<EvaluatedFit<G>>
+where
+    Disturbed: PoseModel<L, G>,
+{
+    let likelihood = PixelLikelihood::Huber(4.0 * settings.noise);
+    let adjust_options = AdjustOptions {
+        likelihood,
+        steps: 8,
+        tolerance: 1e-5,
+    };
+    let limit = INLIER_GATE * settings.noise;
+    for _ in 0..ROUNDS {
+        let residuals = gate_and_evaluate::<L, G, _>(scene, &model, &points, limit);
+        let lasting = lasting_errors::<L, G, _>(scene, &model, &points);
+        let variance = (lasting * residuals.deviation.powi(2)).max(f64::MIN_POSITIVE);
+        let (hessian, gradient) = of_images::<L, G>(scene, &model, &points, &likelihood)?;
+        let scales = best_scales(
+            &(hessian / variance),
+            &(gradient / variance),
+            &model.distances::<L, G>(),
+            |scales| model.deviations::<L, G>(scales),
+            model.scales,
+        );
+        if scales == model.scales {
+            break;
+        }
+        model.scales = scales;
+        cost = adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?.cost;
+    }
+    let residuals = gate_and_evaluate::<L, G, _>(scene, &model, &points, limit);
+    let lasting = lasting_errors::<L, G, _>(scene, &model, &points);
+    let fit = ModelFit {
+        motion: model,
+        points,
+        residuals,
+        cost,
+    };
+    Some(EvaluatedFit {
+        covariance: covariance_of::<L, G>(scene, &fit, &likelihood, lasting)?,
+        fit,
+        lasting,
     })
 }
 
@@ -206,51 +272,43 @@ where
     Some((hessian, normal.gradient - weights.component_mul(&distances)))
 }
 
-/// Covariance of the common unknowns, and of the points if wanted. `lasting` is the factor for errors that last.
-fn covariance_of<const L: usize, const G: usize>(
+/// Covariance of the common unknowns. `lasting` is the factor for errors that last.
+pub fn covariance_of<const L: usize, const G: usize>(
     scene: &Scene,
     fit: &ModelFit<Disturbed>,
     likelihood: &PixelLikelihood,
     lasting: f64,
-    with_points: bool,
-) -> Option<(SMatrix<f64, G, G>, Vec<Matrix3<f64>>)>
+) -> Option<SMatrix<f64, G, G>>
 where
     Disturbed: PoseModel<L, G>,
 {
     let dispersion = dispersion::<L, G, _>(scene, fit, likelihood);
     let variance = (lasting * dispersion).max(f64::MIN_POSITIVE);
-    let normal =
-        reduced_normal::<L, G, _>(scene, &fit.motion, &fit.points, likelihood, with_points)?;
-    let (weights, _) = PoseModel::<L, G>::prior(&fit.motion);
+    let information =
+        information_of::<L, G>(scene, &fit.motion, &fit.points, likelihood, variance)?;
+    Some(Inverse::of(&information)?.covariance)
+}
+
+/// Information on the common unknowns, of images whose noise has this `variance` \[px²\] and of the priors.
+pub fn information_of<const L: usize, const G: usize>(
+    scene: &Scene,
+    model: &Disturbed,
+    points: &[Vector3<f64>],
+    likelihood: &PixelLikelihood,
+    variance: f64,
+) -> Option<SMatrix<f64, G, G>>
+where
+    Disturbed: PoseModel<L, G>,
+{
+    let normal = reduced_normal::<L, G, _>(scene, model, points, likelihood, false)?;
+    let (weights, _) = PoseModel::<L, G>::prior(model);
     // The residuals scale the information of the images, not that of the prior.
-    let deviations = fit.motion.deviations::<L, G>(fit.motion.scales);
+    let deviations = model.deviations::<L, G>(model.scales);
     let mut information = (normal.hessian - SMatrix::from_diagonal(&weights)) / variance;
     for k in 0..G {
         information[(k, k)] += deviations[k].max(1e-9).powi(-2);
     }
-    let covariance = inverse(&information)?;
-    let points = normal.points.iter().map(|c| c * variance).collect();
-    Some((covariance, points))
-}
-
-/// Inverse of an information matrix. Near the separatrix the unknowns' information differs by many orders of
-/// magnitude: the matrix is scaled to a unit diagonal, and directions that vanish in rounding get the least information
-/// for which the factorisation succeeds.
-fn inverse<const G: usize>(information: &SMatrix<f64, G, G>) -> Option<SMatrix<f64, G, G>> {
-    let scale = SVector::<f64, G>::from_fn(|k, _| {
-        let own = information[(k, k)];
-        own.max(f64::MIN_POSITIVE).sqrt().recip()
-    });
-    let scaled = SMatrix::<f64, G, G>::from_fn(|i, j| {
-        0.5 * (information[(i, j)] + information[(j, i)]) * scale[i] * scale[j]
-    });
-    LEAST_INFORMATION.into_iter().find_map(|least| {
-        let factor = (scaled + SMatrix::identity() * least).cholesky()?;
-        let inverse = factor.inverse();
-        Some(SMatrix::from_fn(|i, j| {
-            inverse[(i, j)] * scale[i] * scale[j]
-        }))
-    })
+    Some(information)
 }
 
 /// Distance of two models in standard deviations of the state at the last frame.

@@ -83,6 +83,7 @@ pub fn adjust_globally(
         .collect();
     let wanted = |track: usize| point_of[track].is_some();
     let (mut scene, tracks) = scene_of(&frames, &chosen, wanted, settings.noise, 2);
+    scene.expect_centre(settings.noise);
     let points: Vec<_> = tracks.iter().filter_map(|t| point_of[*t]).collect();
     let t_C: Vec<_> = chosen.iter().filter_map(|i| position_of[*i]).collect();
     let times: Vec<f64> = chosen.iter().map(|i| times[*i]).collect();
@@ -191,7 +192,7 @@ fn fit_linear_com<'a>(
     settings: &SolverSettings,
 ) -> Option<ModelFit<LinearComMotion<'a>>> {
     let mut judged = scene.clone();
-    let (line, centre) = LinearComMotion::new(start.clone())?;
+    let (line, centre) = LinearComMotion::new(start.clone(), points)?;
     let points = points.iter().map(|p| p - centre).collect();
     let fit = fit_robustly(&mut judged, line, points, settings)?;
     let fit = prefer_sphere(&judged, fit, settings);
@@ -217,7 +218,7 @@ fn try_linear_com<'a>(
         steps: 8,
         tolerance: 1e-5,
     };
-    let (mut motion, centre) = LinearComMotion::new(free.motion.clone())?;
+    let (mut motion, centre) = LinearComMotion::new(free.motion.clone(), &free.points)?;
     let mut points: Vec<_> = free.points.iter().map(|p| p - centre).collect();
     let reached = adjust(scene, &mut motion, &mut points, &adjust_options)?;
     // Expected increase of the cost if the freedom of the positions fitted noise only: half a variance each, plus four

@@ -174,7 +174,7 @@ fn fit_window(
     };
     let is_fixed = R_WC.iter().all(|R| *R == UnitQuaternion::identity());
     if is_fixed {
-        let (line, centre) = LinearComMotion::new(free)?;
+        let (line, centre) = LinearComMotion::new(free, &points)?;
         let points = points.iter().map(|p| p - centre).collect();
         let ModelFit {
             motion, residuals, ..

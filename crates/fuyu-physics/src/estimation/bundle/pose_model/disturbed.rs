@@ -278,28 +278,35 @@ impl Disturbed {
         model
     }
 
-    /// The same angular velocity with a body of another `shape`, which a prior of standard deviation `spread` holds.
-    /// `None` if no body has this shape.
-    pub fn with_shape(&self, shape: &SVector<f64, 5>, spread: f64) -> Option<Self> {
+    /// The same angular velocity with a body of another `shape`, which is also the mean of its prior. `None` if no body
+    /// has this shape.
+    pub fn with_shape(&self, shape: &SVector<f64, 5>) -> Option<Self> {
         let FreeMotion {
             momentum,
             time,
             R_WB,
             ..
         } = self.motion;
-        let w_B = self.motion.w_WB_B(&R_WB);
+        let w_B = self.motion.w_WB_B(&self.motion.R_WB);
         let motion = FreeMotion::new(shape, momentum, time, R_WB)?;
         let mut other = Self {
             motion: FreeMotion {
                 momentum: R_WB * (motion.inertia * w_B),
                 ..motion
             },
-            shape_spread: spread,
-            shape_mean: *shape,
-            ..self.clone()
+            ..self.with_expected_shape(shape)
         };
         other.propagate();
         Some(other)
+    }
+
+    /// The same with another mean of the shape's prior; zero is a sphere.
+    pub fn with_expected_shape(&self, mean: &SVector<f64, 5>) -> Self {
+        Self {
+            shape_spread: SHAPE_SPREAD,
+            shape_mean: *mean,
+            ..self.clone()
+        }
     }
 
     fn propagate(&mut self) {
@@ -311,6 +318,13 @@ impl Disturbed {
     /// The frames' times \[s\].
     pub fn times(&self) -> &[f64] {
         &self.fixed.times
+    }
+
+    /// Angle that the body turns over all frames \[rad\].
+    pub fn turn(&self) -> f64 {
+        let times = self.times();
+        let rate = self.motion.w_WB_B(&self.motion.R_WB).norm();
+        rate * (times[times.len() - 1] - times[0])
     }
 
     /// Prior widths.

@@ -91,6 +91,8 @@ impl TumblingModel for FreePositions<'_> {
             t_C: (0..self.t_C.len()).map(shifted).collect(),
             attitudes: motion.attitudes_and_sensitivities(&self.times),
             motion,
+            // It is not known of this motion that a sphere explains the images.
+            shape_spread: SHAPE_SPREAD,
             ..self.clone()
         })
     }

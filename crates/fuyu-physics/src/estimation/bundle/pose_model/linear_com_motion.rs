@@ -27,12 +27,17 @@ pub struct LinearComMotion<'a> {
 }
 
 impl<'a> LinearComMotion<'a> {
-    /// The line nearest to the positions of `free`, and the centre of mass in the body axes of `free`. The centre's
-    /// component along an axis of constant direction is not observable and stays unchanged.
-    pub fn new(free: FreePositions<'a>) -> Option<(Self, Vector3<f64>)> {
-        // t_i = c + τ_i d - R_i b, linear in c, d and b.
+    /// The line nearest to the positions of `free`, and the centre of mass in the body axes of `free`. After a rotation that does
+    /// not determine the centre it is near the mean of the body's `points`.
+    pub fn new(free: FreePositions<'a>, points: &[Vector3<f64>]) -> Option<(Self, Vector3<f64>)> {
+        let count = points.len().max(1) as f64;
+        let mean = points.iter().sum::<Vector3<f64>>() / count;
+        let squares = points.iter().map(|p| (p - mean).norm_squared());
+        let size = squares.sum::<f64>() / count;
+        // t_i + R_i mean = c + τ_i d - R_i b, linear in c, d and b.
         let mut H = SMatrix::<f64, 9, 9>::zeros();
         let mut g = SVector::<f64, 9>::zeros();
+        let mut square = 0.0;
         for (i, t_C) in free.t_C.iter().enumerate() {
             let R = free.pose(i).R_CB.to_rotation_matrix();
             let mut J = SMatrix::<f64, 3, 9>::zeros();
@@ -40,19 +45,31 @@ impl<'a> LinearComMotion<'a> {
             J.fixed_columns_mut::<3>(3)
                 .fill_diagonal(time_share(&free, i));
             J.fixed_columns_mut::<3>(6).copy_from(&-R.matrix());
+            let position = t_C + R * mean;
             H += J.tr_mul(&J);
-            g += J.tr_mul(t_C);
+            g += J.tr_mul(&position);
+            square += position.norm_squared();
         }
-        for k in 6..9 {
-            H[(k, k)] += 1e-9 * free.t_C.len() as f64;
-        }
-        let solved = H.cholesky()?.solve(&g);
+        let solve = |weight: f64| {
+            let mut held = H;
+            for k in 6..9 {
+                held[(k, k)] += weight;
+            }
+            Some(held.cholesky()?.solve(&g))
+        };
+        // The residuals without a prior on the centre give the weight of the prior.
+        let count = free.t_C.len() as f64;
+        let least = 1e-9 * count;
+        let open = solve(least)?;
+        let residuals = (square - open.dot(&g)).max(0.0);
+        let variance = residuals / (3.0 * count - 9.0).max(1.0);
+        let solved = solve(least.max(variance / size.max(1e-12)))?;
         let linear = Self {
             rotation: free,
             start: solved.fixed_rows::<3>(0).into_owned(),
             displacement: solved.fixed_rows::<3>(3).into_owned(),
         };
-        Some((linear, solved.fixed_rows::<3>(6).into_owned()))
+        Some((linear, mean + solved.fixed_rows::<3>(6)))
     }
 
     fn position(&self, i: usize) -> Vector3<f64> {

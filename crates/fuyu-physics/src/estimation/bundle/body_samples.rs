@@ -1,0 +1,268 @@
+//! Samples of the bodies that explain the same images, where these leave the inertia open.
+//!
+//! After a short rotation, or one about nearly one axis, the estimate is one of many bodies, and its linearised
+//! covariance does not describe how differently the others go on rotating. So the fit is repeated for samples (randomized
+//! maximum likelihood: Oliver, He and Reynolds 1996, Conditioning permeability fields to pressure data): each has a mean
+//! of the shape's prior that is drawn from the prior itself, and images and a centre of mass with random errors. If
+//! everything were linear, the samples would be distributed like the posterior of the shape; here each follows its own
+//! images. What is not drawn (errors of the priors of torques, path and camera) is covered by a linearised covariance,
+//! and so are the errors of rounded pixels, which adding more of them would not represent.
+//!
+//! Samples start from other shapes, so they are a global search as well. Each has the probability of its surroundings
+//! (Laplace's approximation: likelihood times the square root of the covariance's determinant): a body that explains the
+//! images only if it is exactly that one, such as an extremely thin rod, is improbable.
+
+use nalgebra::{SMatrix, SVector, Vector3};
+use rand::{RngExt, SeedableRng, rngs::StdRng};
+use rand_distr::StandardNormal;
+
+use super::adjust::{AdjustOptions, adjust};
+use super::disturbed_fit::{EvaluatedFit, covariance_of, information_of};
+use super::free_motion::{FreeMotion, SHAPE_SPREAD, shape_of};
+use super::information::Inverse;
+use super::model_fit::ModelFit;
+use super::pixel_likelihood::PixelLikelihood;
+use super::pose_model::PoseModel;
+use super::pose_model::disturbed::Disturbed;
+use super::scene::Scene;
+use crate::estimation::motion_state::{
+    MOMENTUM, OtherMotions, STATES, StateCovariance, angular_velocity_by_state,
+};
+
+/// A standard deviation of the shape above which samples are drawn. The norm of a thin plate's shape is 0.9.
+const OPEN: f64 = 0.15;
+
+/// A rotation by less than this \[rad\] may fit more than one region of shapes, so the samples start in all of them.
+const SHORT: f64 = 3.0;
+
+/// Number of samples after a short rotation, after others, and at least.
+const SAMPLES: usize = 24;
+const AFTER_LONG: usize = 12;
+const LEAST: usize = 8;
+
+/// Number of image points in all samples together that is not exceeded if the samples are more than [`LEAST`].
+const IMAGE_POINTS: usize = 100_000;
+
+/// Number of image points above which a scene is large, and steps of an adjustment for small and for large ones.
+const LARGE: usize = 4000;
+const STEPS: [usize; 2] = [15, 8];
+
+/// The same for the adjustment to images with random errors, and for that to rounded pixels.
+const STEPS_AFTER_ERRORS: [usize; 2] = [4, 4];
+const STEPS_AFTER_ROUNDING: [usize; 2] = [6, 4];
+
+/// A drawn shape is replaced this many times at most if no body has it.
+const DRAWS: usize = 100;
+
+/// Differences of the logarithm of the probability: above the first a sample that started far away has found no
+/// minimum; up to the second a sample is as good as the best one; above the third it replaces the estimate; below the
+/// fourth it counts for nothing.
+const NOT_FOUND: f64 = 4.0;
+const AS_GOOD: f64 = 2.0;
+const BETTER: f64 = 0.5;
+const NEGLIGIBLE: f64 = 7.0;
+
+/// A body fitted to the images.
+struct Sample<const G: usize> {
+    model: Disturbed,
+    points: Vec<Vector3<f64>>,
+    /// Covariance of the common unknowns.
+    covariance: SMatrix<f64, G, G>,
+    /// Logarithm of its probability: of the images alone, and with the prior of the shape.
+    by_images: f64,
+    with_prior: f64,
+}
+
+/// Samples of the bodies that explain the same images.
+pub struct BodySamples<const L: usize, const G: usize> {
+    samples: Vec<Sample<G>>,
+    /// The largest `by_images`, and `with_prior` of the estimate.
+    best: f64,
+    estimate: f64,
+    /// Variance of the image noise, with the factor for errors that last \[px²\].
+    variance: f64,
+    is_large: bool,
+}
+
+impl<const L: usize, const G: usize> BodySamples<L, G>
+where
+    Disturbed: PoseModel<L, G>,
+{
+    /// Fits bodies with other expected shapes to the images, if these leave the shape open; otherwise `None`.
+    /// `noise` is the assumed image noise \[px\].
+    pub fn draw(scene: &Scene, estimate: &EvaluatedFit<G>, noise: f64) -> Option<Self> {
+        let EvaluatedFit {
+            fit,
+            lasting,
+            covariance,
+        } = estimate;
+        let of_shape = covariance.fixed_view::<5, 5>(0, 0).into_owned();
+        let widest = (of_shape + of_shape.transpose())
+            .symmetric_eigenvalues()
+            .max()
+            * 0.5;
+        let is_short = fit.motion.turn() < SHORT;
+        if !is_short && widest < OPEN * OPEN {
+            return None;
+        }
+        let image_points = scene.observations().len();
+        let most = if is_short { SAMPLES } else { AFTER_LONG };
+        let count = (IMAGE_POINTS / image_points.max(1)).clamp(LEAST, most);
+        let is_large = image_points > LARGE;
+        let variance = (lasting * fit.residuals.deviation.powi(2)).max(f64::MIN_POSITIVE);
+        let likelihood = PixelLikelihood::Huber(4.0 * noise);
+        let adjust_options = AdjustOptions {
+            likelihood,
+            steps: STEPS[usize::from(is_large)],
+            tolerance: 1e-5,
+        };
+        let shape_weight = 0.5 * (noise / SHAPE_SPREAD).powi(2);
+        let fitted = |mut model: Disturbed, mut points: Vec<Vector3<f64>>| {
+            let reached = adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?;
+            let (weights, distances) = PoseModel::<L, G>::prior(&model);
+            let of_shape: f64 = (0..5).map(|k| weights[k] * distances[k].powi(2)).sum();
+            let of_images = reached.cost - 0.5 * of_shape;
+            let prior = shape_weight * shape_of(&model.motion.inertia).norm_squared();
+            let information =
+                information_of::<L, G>(scene, &model, &points, &likelihood, variance)?;
+            let Inverse {
+                covariance,
+                log_volume,
+            } = Inverse::of(&information)?;
+            Some(Sample {
+                covariance,
+                by_images: log_volume - of_images / variance,
+                with_prior: log_volume - (of_images + prior) / variance,
+                model,
+                points,
+            })
+        };
+        let own = fitted(fit.motion.clone(), fit.points.clone())?;
+        let mut rng = StdRng::seed_from_u64(11);
+        let mut samples = Vec::with_capacity(count);
+        for _ in 0..count {
+            let mut possible = |_| {
+                let normal = |_, _| rng.sample::<f64, _>(StandardNormal);
+                let shape = SVector::<f64, 5>::from_fn(normal) * SHAPE_SPREAD;
+                Some((shape, fit.motion.with_shape(&shape)?))
+            };
+            let Some((shape, there)) = (0..DRAWS).find_map(&mut possible) else {
+                continue;
+            };
+            let from_there = || fitted(there, fit.points.clone());
+            let from_here = || {
+                let model = own.model.with_expected_shape(&shape);
+                fitted(model, own.points.clone())
+            };
+            let far = is_short.then(from_there).flatten();
+            let found = far.filter(|s| s.by_images > own.by_images - NOT_FOUND);
+            samples.extend(found.or_else(from_here));
+        }
+        let probabilities = samples.iter().map(|s| s.by_images);
+        Some(Self {
+            best: probabilities.fold(own.by_images, f64::max),
+            estimate: own.with_prior,
+            samples,
+            variance,
+            is_large,
+        })
+    }
+
+    /// A body that is more probable than the estimate, with the usual prior, and its points.
+    pub fn more_probable(&self) -> Option<(Disturbed, Vec<Vector3<f64>>)> {
+        let best = (self.samples.iter()).max_by(|a, b| a.with_prior.total_cmp(&b.with_prior))?;
+        let model = best.model.with_expected_shape(&SVector::zeros());
+        (best.with_prior > self.estimate + BETTER).then(|| (model, best.points.clone()))
+    }
+
+    /// Motions of the samples at the last frame, for an estimate that moves like `nominal` and maximises `likelihood`.
+    pub fn motions(
+        &self,
+        scene: &Scene,
+        nominal: &FreeMotion,
+        likelihood: &PixelLikelihood,
+    ) -> Option<OtherMotions> {
+        let mut rng = StdRng::seed_from_u64(12);
+        let mut motions = Vec::new();
+        let mut conditional = StateCovariance::zeros();
+        for sample in &self.samples {
+            let log_weight = (sample.by_images - self.best + AS_GOOD).min(0.0);
+            if log_weight < -NEGLIGIBLE {
+                continue;
+            }
+            let Some((model, remaining)) = self.with_errors(sample, scene, likelihood, &mut rng)
+            else {
+                continue;
+            };
+            let (motion, _, by_common) = model.last_state::<G>();
+            let by_common = with_momentum_of_same_rate(nominal, &motion, by_common)?;
+            let weight = log_weight.exp();
+            conditional += by_common * remaining * by_common.transpose() * weight;
+            motions.push((weight, motion));
+        }
+        let all: f64 = motions.iter().map(|(weight, _)| weight).sum();
+        for (weight, _) in &mut motions {
+            *weight /= all;
+        }
+        (all > 0.0).then(|| OtherMotions {
+            motions,
+            conditional: (conditional + conditional.transpose()) / (2.0 * all),
+        })
+    }
+
+    /// A sample with random errors of the images, and the part of the common unknowns' covariance that these errors
+    /// and the shape's prior do not cover.
+    fn with_errors(
+        &self,
+        sample: &Sample<G>,
+        scene: &Scene,
+        likelihood: &PixelLikelihood,
+        rng: &mut StdRng,
+    ) -> Option<(Disturbed, SMatrix<f64, G, G>)> {
+        let (mut model, mut points) = (sample.model.clone(), sample.points.clone());
+        let deviations = model.deviations::<L, G>(model.scales);
+        let is_shape = |k: usize| k < 5;
+        let is_rounded = matches!(likelihood, PixelLikelihood::Rounded(_));
+        // By their priors: C Λ C is the part of the covariance C that errors of a prior's mean cause.
+        let priors = SVector::<f64, G>::from_fn(|k, _| match is_shape(k) == is_rounded {
+            true => deviations[k].max(1e-9).powi(-2),
+            false => 0.0,
+        });
+        let priors = SMatrix::<f64, G, G>::from_diagonal(&priors);
+        let steps = match is_rounded {
+            true => STEPS_AFTER_ROUNDING,
+            false => STEPS_AFTER_ERRORS,
+        };
+        let adjust_options = AdjustOptions {
+            likelihood: *likelihood,
+            steps: steps[usize::from(self.is_large)],
+            tolerance: 1e-5,
+        };
+        if is_rounded {
+            adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?;
+            let fit = ModelFit::of_same_noise(model, points, self.variance);
+            let C = covariance_of::<L, G>(scene, &fit, likelihood, 1.0)?;
+            return Some((fit.motion, C - C * priors * C));
+        }
+        let other = scene.with_random_errors(self.variance.sqrt(), rng);
+        adjust::<L, G, _>(&other, &mut model, &mut points, &adjust_options)?;
+        let C = sample.covariance;
+        Some((model, C * priors * C))
+    }
+}
+
+/// Derivatives of the states by the common unknowns, with a momentum that changes the angular velocity of `nominal` as
+/// much as `by_common` changes that of `motion`, a body of another shape.
+fn with_momentum_of_same_rate<const G: usize>(
+    nominal: &FreeMotion,
+    motion: &FreeMotion,
+    mut by_common: SMatrix<f64, STATES, G>,
+) -> Option<SMatrix<f64, STATES, G>> {
+    let rate = angular_velocity_by_state(motion).1 * by_common;
+    let (_, slope) = angular_velocity_by_state(nominal);
+    let others = slope.fixed_columns::<MOMENTUM>(0) * by_common.fixed_rows::<MOMENTUM>(0);
+    let by_momentum = slope.fixed_columns::<3>(MOMENTUM).into_owned();
+    let momentum = by_momentum.try_inverse()? * (rate - others);
+    by_common.fixed_rows_mut::<3>(MOMENTUM).copy_from(&momentum);
+    Some(by_common)
+}
