@@ -12,9 +12,6 @@ use crate::spatial::exp_so3;
 /// on the scale of an inertia of trace 3), angular acceleration due to torques (3, inertial axes).
 pub const STATES: usize = 3 + PARAMETERS + 3;
 
-/// Index of the momentum.
-pub const MOMENTUM: usize = 3 + 5;
-
 /// Index of the angular acceleration.
 const ACCELERATION: usize = 3 + PARAMETERS;
 
@@ -273,7 +270,7 @@ impl MotionState {
     /// The motion of a state that differs by `step`. The angular velocity changes to first order with the step, so
     /// that an uncertain inertia does not make it uncertain; the momentum follows.
     fn disturbed(&self, step: &StateVector) -> Option<FreeMotion> {
-        let (w, slope) = angular_velocity_by_state(&self.motion);
+        let (w, slope) = self.angular_velocity_slope();
         let w_W = w + slope * step;
         let shape = shape_of(&self.motion.inertia) + step.fixed_rows::<5>(3);
         let R_WB = self.motion.R_WB * exp_so3(&step.fixed_rows::<3>(0).into_owned());
@@ -326,8 +323,28 @@ impl MotionState {
 
     /// Angular velocity in inertial axes \[rad/s\], and its covariance.
     pub fn angular_velocity(&self) -> (Vector3<f64>, Matrix3<f64>) {
-        let (w, slope) = angular_velocity_by_state(&self.motion);
+        let (w, slope) = self.angular_velocity_slope();
         (w, slope * self.covariance * slope.transpose())
+    }
+
+    /// Angular velocity in inertial axes \[rad/s\], and its derivatives by the states.
+    fn angular_velocity_slope(&self) -> (Vector3<f64>, SMatrix<f64, 3, STATES>) {
+        let R = *self.motion.R_WB.to_rotation_matrix().matrix();
+        let w = self.motion.w_WB_B(&self.motion.R_WB);
+        let mut slope = SMatrix::<f64, 3, STATES>::zeros();
+        let Some(inverse) = self.motion.inertia.try_inverse() else {
+            return (R * w, slope);
+        };
+        let h = R.tr_mul(&self.motion.momentum);
+        let by_turn = R * (inverse * h.cross_matrix() - w.cross_matrix());
+        slope.fixed_columns_mut::<3>(0).copy_from(&by_turn);
+        slope
+            .fixed_columns_mut::<5>(3)
+            .copy_from(&(-R * inverse * shape_times(&w)));
+        slope
+            .fixed_columns_mut::<3>(8)
+            .copy_from(&(R * inverse * R.transpose()));
+        (R * w, slope)
     }
 
     /// Covariance of the attitude \[rad²\], as a rotation in inertial axes.
@@ -410,26 +427,6 @@ impl MotionState {
             ..self.clone()
         })
     }
-}
-
-/// Angular velocity of a motion at its time in inertial axes \[rad/s\], and its derivatives by the states.
-pub fn angular_velocity_by_state(motion: &FreeMotion) -> (Vector3<f64>, SMatrix<f64, 3, STATES>) {
-    let R = *motion.R_WB.to_rotation_matrix().matrix();
-    let w = motion.w_WB_B(&motion.R_WB);
-    let mut slope = SMatrix::<f64, 3, STATES>::zeros();
-    let Some(inverse) = motion.inertia.try_inverse() else {
-        return (R * w, slope);
-    };
-    let h = R.tr_mul(&motion.momentum);
-    let by_turn = R * (inverse * h.cross_matrix() - w.cross_matrix());
-    slope.fixed_columns_mut::<3>(0).copy_from(&by_turn);
-    slope
-        .fixed_columns_mut::<5>(3)
-        .copy_from(&(-R * inverse * shape_times(&w)));
-    slope
-        .fixed_columns_mut::<3>(MOMENTUM)
-        .copy_from(&(R * inverse * R.transpose()));
-    (R * w, slope)
 }
 
 /// Moves a motion to `time` \[s\] under torques of `acceleration` (inertial axes, [`MotionState::acceleration`]). Returns

@@ -17,17 +17,14 @@ use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rand_distr::StandardNormal;
 
 use super::adjust::{AdjustOptions, adjust};
-use super::disturbed_fit::{EvaluatedFit, covariance_of, information_of};
-use super::free_motion::{FreeMotion, SHAPE_SPREAD, shape_of};
+use super::disturbed_fit::{EvaluatedFit, information_of};
+use super::free_motion::{SHAPE_SPREAD, shape_of};
 use super::information::Inverse;
-use super::model_fit::ModelFit;
 use super::pixel_likelihood::PixelLikelihood;
 use super::pose_model::PoseModel;
 use super::pose_model::disturbed::Disturbed;
 use super::scene::Scene;
-use crate::estimation::motion_state::{
-    MOMENTUM, OtherMotions, STATES, StateCovariance, angular_velocity_by_state,
-};
+use crate::estimation::motion_state::OtherMotions;
 
 /// A standard deviation of the shape above which samples are drawn. The norm of a thin plate's shape is 0.9.
 const OPEN: f64 = 0.15;
@@ -63,11 +60,9 @@ const BETTER: f64 = 0.5;
 const NEGLIGIBLE: f64 = 7.0;
 
 /// A body fitted to the images.
-struct Sample<const G: usize> {
+struct Sample {
     model: Disturbed,
     points: Vec<Vector3<f64>>,
-    /// Covariance of the common unknowns.
-    covariance: SMatrix<f64, G, G>,
     /// Logarithm of its probability: of the images alone, and with the prior of the shape.
     by_images: f64,
     with_prior: f64,
@@ -75,7 +70,7 @@ struct Sample<const G: usize> {
 
 /// Samples of the bodies that explain the same images.
 pub struct BodySamples<const L: usize, const G: usize> {
-    samples: Vec<Sample<G>>,
+    samples: Vec<Sample>,
     /// The largest `by_images`, and `with_prior` of the estimate.
     best: f64,
     estimate: f64,
@@ -125,12 +120,8 @@ where
             let prior = shape_weight * shape_of(&model.motion.inertia).norm_squared();
             let information =
                 information_of::<L, G>(scene, &model, &points, &likelihood, variance)?;
-            let Inverse {
-                covariance,
-                log_volume,
-            } = Inverse::of(&information)?;
+            let log_volume = Inverse::of(&information)?.log_volume;
             Some(Sample {
-                covariance,
                 by_images: log_volume - of_images / variance,
                 with_prior: log_volume - (of_images + prior) / variance,
                 model,
@@ -175,94 +166,78 @@ where
         (best.with_prior > self.estimate + BETTER).then(|| (model, best.points.clone()))
     }
 
-    /// Motions of the samples at the last frame, for an estimate that moves like `nominal` and maximises `likelihood`.
+    /// Motions of the samples at the last frame, for an estimate with this `covariance` of its common unknowns that maximises
+    /// `likelihood`.
     pub fn motions(
         &self,
         scene: &Scene,
-        nominal: &FreeMotion,
+        estimate: &Disturbed,
+        covariance: &SMatrix<f64, G, G>,
         likelihood: &PixelLikelihood,
     ) -> Option<OtherMotions> {
         let mut rng = StdRng::seed_from_u64(12);
         let mut motions = Vec::new();
-        let mut conditional = StateCovariance::zeros();
         for sample in &self.samples {
             let log_weight = (sample.by_images - self.best + AS_GOOD).min(0.0);
-            if log_weight < -NEGLIGIBLE {
-                continue;
+            if log_weight > -NEGLIGIBLE
+                && let Some(model) = self.with_errors(sample, scene, likelihood, &mut rng)
+            {
+                motions.push((log_weight.exp(), model.last_state::<G>().0));
             }
-            let Some((model, remaining)) = self.with_errors(sample, scene, likelihood, &mut rng)
-            else {
-                continue;
-            };
-            let (motion, _, by_common) = model.last_state::<G>();
-            let by_common = with_momentum_of_same_rate(nominal, &motion, by_common)?;
-            let weight = log_weight.exp();
-            conditional += by_common * remaining * by_common.transpose() * weight;
-            motions.push((weight, motion));
         }
         let all: f64 = motions.iter().map(|(weight, _)| weight).sum();
         for (weight, _) in &mut motions {
             *weight /= all;
         }
+        // What the samples do not vary: errors of images and priors but not of the shape's prior, or of other priors only.
+        // Errors of the mean of a prior with the information Λ are the part C Λ C of the covariance C.
+        let deviations = estimate.deviations::<L, G>(estimate.scales);
+        let information = |is_wanted: fn(usize) -> bool| {
+            let of = |k: usize, _| match is_wanted(k) {
+                true => deviations[k].max(1e-9).powi(-2),
+                false => 0.0,
+            };
+            SMatrix::<f64, G, G>::from_diagonal(&SVector::<f64, G>::from_fn(of))
+        };
+        let of_common = match likelihood {
+            PixelLikelihood::Rounded(_) => {
+                covariance - covariance * information(|k| k < 5) * covariance
+            }
+            PixelLikelihood::Huber(_) => covariance * information(|k| k >= 5) * covariance,
+        };
+        let by_common = estimate.last_state::<G>().2;
+        let conditional = by_common * of_common * by_common.transpose();
         (all > 0.0).then(|| OtherMotions {
             motions,
-            conditional: (conditional + conditional.transpose()) / (2.0 * all),
+            conditional: (conditional + conditional.transpose()) * 0.5,
         })
     }
 
-    /// A sample with random errors of the images, and the part of the common unknowns' covariance that these errors
-    /// and the shape's prior do not cover.
+    /// A sample after an adjustment to images with random errors, or to rounded pixels as they are.
     fn with_errors(
         &self,
-        sample: &Sample<G>,
+        sample: &Sample,
         scene: &Scene,
         likelihood: &PixelLikelihood,
         rng: &mut StdRng,
-    ) -> Option<(Disturbed, SMatrix<f64, G, G>)> {
+    ) -> Option<Disturbed> {
         let (mut model, mut points) = (sample.model.clone(), sample.points.clone());
-        let deviations = model.deviations::<L, G>(model.scales);
-        let is_shape = |k: usize| k < 5;
-        let is_rounded = matches!(likelihood, PixelLikelihood::Rounded(_));
-        // By their priors: C Λ C is the part of the covariance C that errors of a prior's mean cause.
-        let priors = SVector::<f64, G>::from_fn(|k, _| match is_shape(k) == is_rounded {
-            true => deviations[k].max(1e-9).powi(-2),
-            false => 0.0,
-        });
-        let priors = SMatrix::<f64, G, G>::from_diagonal(&priors);
-        let steps = match is_rounded {
-            true => STEPS_AFTER_ROUNDING,
-            false => STEPS_AFTER_ERRORS,
-        };
-        let adjust_options = AdjustOptions {
+        let adjusted = |steps: [usize; 2]| AdjustOptions {
             likelihood: *likelihood,
             steps: steps[usize::from(self.is_large)],
             tolerance: 1e-5,
         };
-        if is_rounded {
-            adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?;
-            let fit = ModelFit::of_same_noise(model, points, self.variance);
-            let C = covariance_of::<L, G>(scene, &fit, likelihood, 1.0)?;
-            return Some((fit.motion, C - C * priors * C));
+        match likelihood {
+            PixelLikelihood::Rounded(_) => {
+                let adjust_options = adjusted(STEPS_AFTER_ROUNDING);
+                adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?;
+            }
+            PixelLikelihood::Huber(_) => {
+                let adjust_options = adjusted(STEPS_AFTER_ERRORS);
+                let other = scene.with_random_errors(self.variance.sqrt(), rng);
+                adjust::<L, G, _>(&other, &mut model, &mut points, &adjust_options)?;
+            }
         }
-        let other = scene.with_random_errors(self.variance.sqrt(), rng);
-        adjust::<L, G, _>(&other, &mut model, &mut points, &adjust_options)?;
-        let C = sample.covariance;
-        Some((model, C * priors * C))
+        Some(model)
     }
-}
-
-/// Derivatives of the states by the common unknowns, with a momentum that changes the angular velocity of `nominal` as
-/// much as `by_common` changes that of `motion`, a body of another shape.
-fn with_momentum_of_same_rate<const G: usize>(
-    nominal: &FreeMotion,
-    motion: &FreeMotion,
-    mut by_common: SMatrix<f64, STATES, G>,
-) -> Option<SMatrix<f64, STATES, G>> {
-    let rate = angular_velocity_by_state(motion).1 * by_common;
-    let (_, slope) = angular_velocity_by_state(nominal);
-    let others = slope.fixed_columns::<MOMENTUM>(0) * by_common.fixed_rows::<MOMENTUM>(0);
-    let by_momentum = slope.fixed_columns::<3>(MOMENTUM).into_owned();
-    let momentum = by_momentum.try_inverse()? * (rate - others);
-    by_common.fixed_rows_mut::<3>(MOMENTUM).copy_from(&momentum);
-    Some(by_common)
 }

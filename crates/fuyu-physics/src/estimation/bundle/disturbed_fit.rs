@@ -113,7 +113,7 @@ where
     };
     let model = fit.motion;
     let (motion, acceleration, by_common) = model.last_state::<G>();
-    let others = samples.and_then(|samples| samples.motions(scene, &motion, &rounding));
+    let others = samples.and_then(|s| s.motions(scene, &model, &covariance, &rounding));
     let state: StateCovariance = by_common * covariance * by_common.transpose();
     let widths = model.widths();
     let walk = widths.acceleration * model.scales.torque * (2.0 / widths.correlation_time).sqrt();
@@ -273,7 +273,7 @@ where
 }
 
 /// Covariance of the common unknowns. `lasting` is the factor for errors that last.
-pub fn covariance_of<const L: usize, const G: usize>(
+fn covariance_of<const L: usize, const G: usize>(
     scene: &Scene,
     fit: &ModelFit<Disturbed>,
     likelihood: &PixelLikelihood,

@@ -37,22 +37,6 @@ pub struct ModelFit<M> {
     pub cost: f64,
 }
 
-impl<M> ModelFit<M> {
-    /// A fit whose residuals are not evaluated but have the `variance` of another one \[px²\]; its cost is unknown.
-    pub fn of_same_noise(motion: M, points: Vec<Vector3<f64>>, variance: f64) -> Self {
-        Self {
-            motion,
-            points,
-            residuals: Residuals {
-                rms: variance.sqrt(),
-                deviation: variance.sqrt(),
-                outliers: 0.0,
-            },
-            cost: f64::NAN,
-        }
-    }
-}
-
 /// Robust fit from a rough start: each round has a narrower inlier gate than the one before.
 pub fn fit_robustly<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &mut Scene,
