@@ -33,7 +33,7 @@ const OPEN: f64 = 0.15;
 const SHORT: f64 = 3.0;
 
 /// Number of samples after a short rotation, after others, and at least.
-const SAMPLES: usize = 24;
+const SAMPLES: usize = 20;
 const AFTER_LONG: usize = 12;
 const LEAST: usize = 8;
 
@@ -42,7 +42,7 @@ const IMAGE_POINTS: usize = 100_000;
 
 /// Number of image points above which a scene is large, and steps of an adjustment for small and for large ones.
 const LARGE: usize = 4000;
-const STEPS: [usize; 2] = [15, 8];
+const STEPS: [usize; 2] = [12, 6];
 
 /// The same for the adjustment to images with random errors, and for that to rounded pixels.
 const STEPS_AFTER_ERRORS: [usize; 2] = [4, 4];
@@ -109,7 +109,7 @@ where
         let adjust_options = AdjustOptions {
             likelihood,
             steps: STEPS[usize::from(is_large)],
-            tolerance: 1e-5,
+            tolerance: 1e-4,
         };
         let shape_weight = 0.5 * (noise / SHAPE_SPREAD).powi(2);
         let fitted = |mut model: Disturbed, mut points: Vec<Vector3<f64>>| {
@@ -225,7 +225,7 @@ where
         let adjusted = |steps: [usize; 2]| AdjustOptions {
             likelihood: *likelihood,
             steps: steps[usize::from(self.is_large)],
-            tolerance: 1e-5,
+            tolerance: 1e-4,
         };
         match likelihood {
             PixelLikelihood::Rounded(_) => {
