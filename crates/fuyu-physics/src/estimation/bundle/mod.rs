@@ -17,7 +17,8 @@
 //!    (`ambiguity`).
 //! 5. `disturbed_fit`: the same adjustment with torques, errors of gyro and calibration, and a curved path as further
 //!    unknowns with priors, whose widths the images choose (`prior_scales`). Its normal equations give the covariance
-//!    of the state at the last frame.
+//!    of the state at the last frame. Where the images leave the inertia open, samples of other bodies show how their
+//!    motions differ, and whether one of them is more probable (`body_samples`).
 //!
 //! If that fails, tracks with reused ids are split (`reused_track_ids`), and the solver starts again.
 //!
