@@ -140,7 +140,7 @@ impl MotionState {
             wanted = wanted.iter().rev().map(|i| count - 1 - i).collect();
         }
         let attitudes = motion.attitudes_and_sensitivities(&nodes);
-        let all = responses(motion, &nodes, &attitudes, |_| [1.0]);
+        let all = responses(motion, &nodes, &attitudes, |_, _| [Matrix3::identity()]);
         let each = wanted.into_iter().map(|i| {
             let (R, S) = attitudes[i];
             let mut X = SMatrix::<f64, 3, STATES>::zeros();

@@ -232,12 +232,12 @@ fn predicted(rates: &[Rate], fit: &Fit) -> Option<Vec<(Vector3<f64>, SMatrix<f64
     let inverse = motion.inertia.try_inverse()?;
     let times: Vec<f64> = rates.iter().map(|r| r.0).collect();
     let attitudes = motion.attitudes_and_sensitivities(&times);
-    let disturbed = responses(motion, &times, &attitudes, |_| [1.0]);
+    let disturbed = responses(motion, &times, &attitudes, |_, _| [Matrix3::identity()]);
     let each = attitudes.iter().zip(&disturbed).map(|((R, S), response)| {
         let turn = response.turn[0] * fit.acceleration;
         let R = (R * UnitQuaternion::from_scaled_axis(turn)).to_rotation_matrix();
         let R = *R.matrix();
-        let momentum = motion.momentum + fit.acceleration * response.impulse[0];
+        let momentum = motion.momentum + response.impulse[0] * fit.acceleration;
         let h = R.tr_mul(&momentum);
         let w = inverse * h;
         let by_turn = R * (inverse * h.cross_matrix() - w.cross_matrix());
@@ -354,7 +354,7 @@ fn state_at_end(rates: &[Rate], fit: &Fit, variance: f64, widths: &Widths) -> Op
     let time = rates.last()?.0;
     let times: Vec<f64> = rates.iter().map(|r| r.0).collect();
     let attitudes = motion.attitudes_and_sensitivities(&times);
-    let response = *responses(motion, &times, &attitudes, |_| [1.0]).last()?;
+    let response = *responses(motion, &times, &attitudes, |_, _| [Matrix3::identity()]).last()?;
     let (R, S) = *attitudes.last()?;
     let mut by_unknowns = SMatrix::<f64, STATES, UNKNOWNS>::zeros();
     by_unknowns
@@ -367,7 +367,7 @@ fn state_at_end(rates: &[Rate], fit: &Fit, variance: f64, widths: &Widths) -> Op
         by_unknowns[(3 + k, k)] = 1.0;
     }
     for k in 0..3 {
-        by_unknowns[(8 + k, PARAMETERS + k)] = response.impulse[0];
+        by_unknowns[(8 + k, PARAMETERS + k)] = response.impulse[0][(k, k)];
         by_unknowns[(11 + k, PARAMETERS + k)] = 1.0;
     }
     let spread: StateCovariance = by_unknowns * covariance * by_unknowns.transpose();
@@ -376,7 +376,7 @@ fn state_at_end(rates: &[Rate], fit: &Fit, variance: f64, widths: &Widths) -> Op
         motion: FreeMotion {
             time,
             R_WB: R * UnitQuaternion::from_scaled_axis(turn),
-            momentum: motion.momentum + fit.acceleration * response.impulse[0],
+            momentum: motion.momentum + response.impulse[0] * fit.acceleration,
             ..*motion
         },
         acceleration: fit.acceleration,

@@ -4,17 +4,18 @@ use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 
 use super::super::free_motion::{FreeMotion, Sensitivity};
 
-/// Rotation (body axes) and impulse at a time due to an angular acceleration in inertial axes.
+/// Rotation (body axes) and impulse (inertial axes) at a time due to an angular acceleration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Response<const K: usize> {
-    /// Rotation by the acceleration of each profile \[s²\].
+    /// Rotation by the acceleration of each course \[s²\].
     pub turn: [Matrix3<f64>; K],
-    /// Impulse of each profile since the reference time \[s\].
-    pub impulse: [f64; K],
+    /// Impulse of each course since the reference time \[s\].
+    pub impulse: [Matrix3<f64>; K],
 }
 
-/// Responses of `motion` at ascending `times` to angular accelerations, to first order. `profile` gives the course of
-/// each acceleration over time; `attitudes` are those of the motion at `times`, with sensitivities.
+/// Responses of `motion` at ascending `times` to angular accelerations, to first order. `course` gives each acceleration in
+/// inertial axes, by its three unknowns, at a time and an attitude; `attitudes` are those of the motion at `times`, with
+/// sensitivities.
 ///
 /// An impulse `δL` at `s` rotates the body at `t` by `B(t, s) δL = (B(t) - A(t) A(s)⁻¹ B(s)) δL`, where `A(t)` and
 /// `B(t)` are the derivatives of the rotation at `t` by rotation and momentum at the reference time. The integral
@@ -23,34 +24,36 @@ pub fn responses<const K: usize>(
     motion: &FreeMotion,
     times: &[f64],
     attitudes: &[(UnitQuaternion<f64>, Sensitivity)],
-    profile: impl Fn(f64) -> [f64; K],
+    course: impl Fn(f64, &Matrix3<f64>) -> [Matrix3<f64>; K],
 ) -> Vec<Response<K>> {
     let zero = Response {
         turn: [Matrix3::zeros(); K],
-        impulse: [0.0; K],
+        impulse: [Matrix3::zeros(); K],
     };
     let mut out = vec![zero; times.len()];
     let split = times.partition_point(|t| *t < motion.time);
     let by_turn = motion.shape_by_turn();
     let mut walk = |order: &mut dyn Iterator<Item = usize>| {
-        // The integral of A⁻¹ B and that of the profile, and A⁻¹ B at the time before.
-        let (mut sum, mut impulse) = ([Matrix3::zeros(); K], [0.0; K]);
+        // The integral of A⁻¹ B times the course and that of the course; A⁻¹ B and the attitude at the time before.
+        let (mut sum, mut impulse) = ([Matrix3::zeros(); K], [Matrix3::zeros(); K]);
         let (mut before, mut last) = (Matrix3::zeros(), motion.time);
+        let mut R_before = *motion.R_WB.to_rotation_matrix().matrix();
         for i in order {
-            let S = &attitudes[i].1;
+            let (R_WB, S) = &attitudes[i];
+            let R = *R_WB.to_rotation_matrix().matrix();
             let A = Matrix3::identity() + S.fixed_columns::<5>(0) * by_turn;
             let B = S.fixed_columns::<3>(5).into_owned();
             let now = A.try_inverse().map_or(before, |inverse| inverse * B);
             let step = times[i] - last;
-            let heights = profile(last + 0.5 * step);
-            let each = sum.iter_mut().zip(&mut impulse).zip(heights);
-            for (((sum, impulse), height), turn) in each.zip(&mut out[i].turn) {
-                *sum += (before + now) * (0.5 * step * height);
-                *impulse += step * height;
-                *turn = B * *impulse - A * *sum;
+            let middle = last + 0.5 * step;
+            let (from, to) = (course(middle, &R_before), course(middle, &R));
+            for k in 0..K {
+                sum[k] += (before * from[k] + now * to[k]) * (0.5 * step);
+                impulse[k] += (from[k] + to[k]) * (0.5 * step);
+                out[i].turn[k] = B * impulse[k] - A * sum[k];
             }
             out[i].impulse = impulse;
-            (before, last) = (now, times[i]);
+            (before, last, R_before) = (now, times[i], R);
         }
     };
     walk(&mut (split..times.len()));
@@ -150,7 +153,7 @@ mod tests {
     use super::*;
     use nalgebra::SVector;
 
-    /// A torque that acts in small impulses, each of which changes the momentum of the free motion since then.
+    /// Torques that act in small impulses, each of which changes the momentum of the free motion since then.
     #[test]
     fn responses_are_those_of_small_impulses() {
         let shape = SVector::<f64, 5>::new(0.3, -0.2, 0.1, 0.05, -0.15);
@@ -159,28 +162,40 @@ mod tests {
         let times: Vec<f64> = (0..=200).map(|i| 0.1 * f64::from(i)).collect();
         let attitudes = motion.attitudes_and_sensitivities(&times);
         let acceleration = Vector3::new(2e-5, -3e-5, 1e-5);
-        let found = responses(&motion, &times, &attitudes, |_| [1.0]);
-        for (end, sign) in [(200, 1.0), (0, -1.0)] {
+        // In inertial axes, and in body axes.
+        let found = responses(&motion, &times, &attitudes, |_, R| {
+            [Matrix3::identity(), *R]
+        });
+        for (kind, (end, sign)) in [
+            (0, (200, 1.0)),
+            (0, (0, -1.0)),
+            (1, (200, 1.0)),
+            (1, (0, -1.0)),
+        ] {
             let mut disturbed = motion;
             for k in 1..=1000 {
-                disturbed.momentum += acceleration * (sign * 0.01);
                 // The impulse acts in the middle of its step.
                 let time = 10.0 + sign * (0.01 * f64::from(k) - 0.005);
-                let next = FreeMotion {
-                    momentum: disturbed.momentum - acceleration * (sign * 0.01),
-                    ..disturbed
-                };
-                disturbed.R_WB = next.attitudes(&[time])[0];
+                disturbed.R_WB = disturbed.attitudes(&[time])[0];
                 disturbed.time = time;
+                disturbed.momentum += match kind {
+                    0 => acceleration,
+                    _ => disturbed.R_WB * acceleration,
+                } * (sign * 0.01);
             }
             let last = disturbed.attitudes(&[times[end]])[0];
             let turn = (attitudes[end].0.inverse() * last).scaled_axis();
-            let expected = found[end].turn[0] * acceleration;
+            let expected = found[end].turn[kind] * acceleration;
             assert!(
                 (turn - expected).norm() < 2e-2 * turn.norm(),
-                "{turn} {expected}"
+                "{kind} {end}: {turn} {expected}"
             );
-            assert!((found[end].impulse[0] - 10.0 * sign).abs() < 1e-9);
+            let impulse = disturbed.momentum - motion.momentum;
+            let expected = found[end].impulse[kind] * acceleration;
+            assert!(
+                (impulse - expected).norm() < 2e-3 * impulse.norm(),
+                "{kind} {end}: {impulse} {expected}"
+            );
         }
     }
 

@@ -1,6 +1,6 @@
 //! Rotation with disturbances: deviations from a free rotation before a calibrated camera, as unknowns with priors.
 //!
-//! A random walk of the angular acceleration (inertial axes), errors of the camera's gyro, curvature of the centre of
+//! A random walk of the angular acceleration in inertial axes, a constant one in body axes, errors of the camera's gyro, curvature of the centre of
 //! mass's path, and errors of the camera's intrinsics. Each has a prior width that stands for what is usual;
 //! `prior_scales` chooses a larger or smaller one where the images support it. All of them act to first order on a
 //! torque-free motion.
@@ -20,8 +20,12 @@ use crate::spatial::exp_so3;
 /// Number of intervals in which the angular acceleration is constant.
 pub const STEPS: usize = 4;
 
+/// Number of courses of the angular acceleration: constant in inertial axes from the beginning of each interval on, and
+/// constant in body axes, as of outgassing.
+const COURSES: usize = STEPS + 1;
+
 /// Number of unknowns of the angular acceleration.
-pub const TORQUE: usize = 3 * STEPS;
+pub const TORQUE: usize = 3 * COURSES;
 
 /// Unknowns of a path without independent positions: position and velocity, then its curvature.
 pub const LINE: usize = 6;
@@ -161,21 +165,25 @@ pub struct Disturbed {
     /// The mean of that prior; zero is a sphere.
     shape_mean: SVector<f64, 5>,
     attitudes: Vec<(UnitQuaternion<f64>, Sensitivity)>,
-    responses: Vec<Response<STEPS>>,
+    responses: Vec<Response<COURSES>>,
     fixed: Rc<Fixed>,
 }
 
-/// Course of the acceleration's unknowns over time, in units of their widths.
-fn profile(times: &[f64], widths: &Widths) -> impl Fn(f64) -> [f64; STEPS] {
+/// The angular accelerations in inertial axes at a time and an attitude, by unknowns in units of their widths.
+fn courses(
+    times: &[f64],
+    widths: &Widths,
+) -> impl Fn(f64, &Matrix3<f64>) -> [Matrix3<f64>; COURSES] {
     let first = times.first().copied().unwrap_or_default();
     let interval = (times.last().copied().unwrap_or_default() - first) / STEPS as f64;
     let step = widths.acceleration * (2.0 * interval / widths.correlation_time).sqrt();
     let width = widths.acceleration;
-    move |time| {
+    move |time, R_WB| {
         std::array::from_fn(|k| match k {
-            0 => width,
-            _ if time > first + interval * k as f64 => step,
-            _ => 0.0,
+            0 => Matrix3::from_diagonal_element(width),
+            STEPS => R_WB * width,
+            _ if time > first + interval * k as f64 => Matrix3::from_diagonal_element(step),
+            _ => Matrix3::zeros(),
         })
     }
 }
@@ -312,7 +320,7 @@ impl Disturbed {
     fn propagate(&mut self) {
         let Fixed { times, widths, .. } = &*self.fixed;
         self.attitudes = self.motion.attitudes_and_sensitivities(times);
-        self.responses = responses(&self.motion, times, &self.attitudes, profile(times, widths));
+        self.responses = responses(&self.motion, times, &self.attitudes, courses(times, widths));
     }
 
     /// The frames' times \[s\].
@@ -406,11 +414,10 @@ impl Disturbed {
         let last = self.times().len() - 1;
         let time = self.times()[last];
         let impulse = self.responses[last].impulse;
-        let heights = profile(self.times(), &self.fixed.widths)(time);
-        let each = |weights: &[f64; STEPS]| {
+        let each = |weights: &[Matrix3<f64>; COURSES]| {
             let mut sum = Vector3::zeros();
             for (k, weight) in weights.iter().enumerate() {
-                sum += self.torque.fixed_rows::<3>(3 * k) * *weight;
+                sum += weight * self.torque.fixed_rows::<3>(3 * k);
             }
             sum
         };
@@ -421,6 +428,11 @@ impl Disturbed {
             R_WB,
             ..self.motion
         };
+        let R = *R_WB.to_rotation_matrix().matrix();
+        let mut heights = courses(self.times(), &self.fixed.widths)(time, &R);
+        // What acts in body axes turns with the body: only the part along the momentum lasts.
+        let along = motion.momentum.normalize();
+        heights[STEPS] = along * along.tr_mul(&heights[STEPS]);
         let mut by_common = SMatrix::<f64, 14, G>::zeros();
         let back = exp_so3(&-turn).to_rotation_matrix();
         let by_motion = back.matrix() * self.attitudes[last].1;
@@ -434,10 +446,9 @@ impl Disturbed {
             by_common[(3 + k, k)] = 1.0;
         }
         for (k, (impulse, height)) in impulse.iter().zip(&heights).enumerate() {
-            for a in 0..3 {
-                by_common[(8 + a, PARAMETERS + 3 * k + a)] = *impulse;
-                by_common[(11 + a, PARAMETERS + 3 * k + a)] = *height;
-            }
+            let at = PARAMETERS + 3 * k;
+            by_common.fixed_view_mut::<3, 3>(8, at).copy_from(impulse);
+            by_common.fixed_view_mut::<3, 3>(11, at).copy_from(height);
         }
         (motion, each(&heights), by_common)
     }
