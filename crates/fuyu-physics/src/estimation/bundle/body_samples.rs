@@ -8,9 +8,9 @@
 //! images. What is not drawn (errors of the priors of torques, path and camera) is covered by a linearised covariance,
 //! and so are the errors of rounded pixels, which adding more of them would not represent.
 //!
-//! Samples start from other shapes, so they are a global search as well. Each has the probability of its surroundings
-//! (Laplace's approximation: likelihood times the square root of the covariance's determinant): a body that explains the
-//! images only if it is exactly that one, such as an extremely thin rod, is improbable.
+//! Samples start from other shapes, so they are a global search as well. Minima are compared by their evidence (Laplace's
+//! approximation: likelihood times the square root of the covariance's determinant), not by their least cost: an extremely
+//! thin rod may cost least, but only with exactly one inertia.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -51,9 +51,9 @@ const STEPS_AFTER_ROUNDING: [usize; 2] = [6, 4];
 /// A drawn shape is replaced this many times at most if no body has it.
 const DRAWS: usize = 100;
 
-/// Differences of the logarithm of the probability: above the first a sample that started far away has found no
-/// minimum; up to the second a sample is as good as the best one; above the third it replaces the estimate; below the
-/// fourth it counts for nothing.
+/// Differences of the logarithm of the evidence. A sample that started far away and is worse than the estimate by more
+/// than [`NOT_FOUND`] has found no minimum. One that is worse than the best by no more than [`AS_GOOD`] has its full
+/// weight, one that is worse by [`NEGLIGIBLE`] more has none. One that is [`BETTER`] than the estimate replaces it.
 const NOT_FOUND: f64 = 4.0;
 const AS_GOOD: f64 = 2.0;
 const BETTER: f64 = 0.5;
@@ -63,15 +63,15 @@ const NEGLIGIBLE: f64 = 7.0;
 struct Sample {
     model: Disturbed,
     points: Vec<Vector3<f64>>,
-    /// Logarithm of its probability: of the images alone, and with the prior of the shape.
-    by_images: f64,
-    with_prior: f64,
+    /// Logarithm of its evidence: of the images alone, and with the usual prior of the shape.
+    log_evidence: f64,
+    log_posterior: f64,
 }
 
 /// Samples of the bodies that explain the same images.
 pub struct BodySamples<const L: usize, const G: usize> {
     samples: Vec<Sample>,
-    /// The largest `by_images`, and `with_prior` of the estimate.
+    /// The largest `log_evidence`, and `log_posterior` of the estimate.
     best: f64,
     estimate: f64,
     /// Variance of the image noise, with the factor for errors that last \[px²\].
@@ -122,8 +122,8 @@ where
                 information_of::<L, G>(scene, &model, &points, &likelihood, variance)?;
             let log_volume = Inverse::of(&information)?.log_volume;
             Some(Sample {
-                by_images: log_volume - of_images / variance,
-                with_prior: log_volume - (of_images + prior) / variance,
+                log_evidence: log_volume - of_images / variance,
+                log_posterior: log_volume - (of_images + prior) / variance,
                 model,
                 points,
             })
@@ -146,24 +146,25 @@ where
                 fitted(model, own.points.clone())
             };
             let far = is_short.then(from_there).flatten();
-            let found = far.filter(|s| s.by_images > own.by_images - NOT_FOUND);
+            let found = far.filter(|s| s.log_evidence > own.log_evidence - NOT_FOUND);
             samples.extend(found.or_else(from_here));
         }
-        let probabilities = samples.iter().map(|s| s.by_images);
+        let probabilities = samples.iter().map(|s| s.log_evidence);
         Some(Self {
-            best: probabilities.fold(own.by_images, f64::max),
-            estimate: own.with_prior,
+            best: probabilities.fold(own.log_evidence, f64::max),
+            estimate: own.log_posterior,
             samples,
             variance,
             is_large,
         })
     }
 
-    /// A body that is more probable than the estimate, with the usual prior, and its points.
+    /// The sample with the largest evidence if that is larger than the estimate's, with the usual prior, and its points.
     pub fn more_probable(&self) -> Option<(Disturbed, Vec<Vector3<f64>>)> {
-        let best = (self.samples.iter()).max_by(|a, b| a.with_prior.total_cmp(&b.with_prior))?;
+        let best =
+            (self.samples.iter()).max_by(|a, b| a.log_posterior.total_cmp(&b.log_posterior))?;
         let model = best.model.with_expected_shape(&SVector::zeros());
-        (best.with_prior > self.estimate + BETTER).then(|| (model, best.points.clone()))
+        (best.log_posterior > self.estimate + BETTER).then(|| (model, best.points.clone()))
     }
 
     /// Motions of the samples at the last frame, for an estimate with this `covariance` of its common unknowns that maximises
@@ -178,7 +179,7 @@ where
         let mut rng = StdRng::seed_from_u64(12);
         let mut motions = Vec::new();
         for sample in &self.samples {
-            let log_weight = (sample.by_images - self.best + AS_GOOD).min(0.0);
+            let log_weight = (sample.log_evidence - self.best + AS_GOOD).min(0.0);
             if log_weight > -NEGLIGIBLE
                 && let Some(model) = self.with_errors(sample, scene, likelihood, &mut rng)
             {
