@@ -276,7 +276,7 @@ pub const MISSED: [(f64, f64); 12] = [
 ];
 
 /// The same about the middle axis: e of motions with s_alpha 0.
-pub const MISSED_ABOUT_MIDDLE_AXIS: [f64; 6] = [0.35, 0.4, 0.45, 0.55, 0.6, 0.9];
+pub const MISSED_ABOUT_MIDDLE_AXIS: [f64; 4] = [0.4, 0.55, 0.6, 0.75];
 
 /// The difference of the predictions for two bodies that all pixels fit \[deg\], if one of them rotates about its middle axis. The other
 /// has other moments of inertia, which do not matter as long as it rotates about the same axis, and the largest angular velocity across that
