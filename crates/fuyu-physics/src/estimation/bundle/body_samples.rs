@@ -44,8 +44,8 @@ const IMAGE_POINTS: usize = 100_000;
 const LARGE: usize = 4000;
 const STEPS: [usize; 2] = [12, 6];
 
-/// The same for the adjustment to images with random errors, and for that to rounded pixels.
-const STEPS_AFTER_ERRORS: [usize; 2] = [4, 4];
+/// Steps of the adjustment to images with random errors, and of that to rounded pixels.
+const STEPS_AFTER_ERRORS: usize = 4;
 const STEPS_AFTER_ROUNDING: [usize; 2] = [6, 4];
 
 /// A drawn shape is replaced this many times at most if no body has it.
@@ -68,6 +68,67 @@ struct Sample {
     log_posterior: f64,
 }
 
+/// Fits of one scene.
+struct Sampler<'a> {
+    scene: &'a Scene,
+    /// Assumed image noise \[px\].
+    noise: f64,
+    /// Variance of the image noise, with the factor for errors that last \[px²\].
+    variance: f64,
+    /// Steps of an adjustment.
+    steps: usize,
+}
+
+impl Sampler<'_> {
+    /// The body that is found from here, and its evidence.
+    fn fitted<const L: usize, const G: usize>(
+        &self,
+        mut model: Disturbed,
+        mut points: Vec<Vector3<f64>>,
+    ) -> Option<Sample>
+    where
+        Disturbed: PoseModel<L, G>,
+    {
+        let (scene, variance) = (self.scene, self.variance);
+        let likelihood = PixelLikelihood::Huber(4.0 * self.noise);
+        let adjust_options = AdjustOptions {
+            likelihood,
+            steps: self.steps,
+            tolerance: 1e-4,
+        };
+        let reached = adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?;
+        let (weights, distances) = PoseModel::<L, G>::prior(&model);
+        let of_shape: f64 = (0..5).map(|k| weights[k] * distances[k].powi(2)).sum();
+        let of_images = reached.cost - 0.5 * of_shape;
+        let shape_weight = 0.5 * (self.noise / SHAPE_SPREAD).powi(2);
+        let prior = shape_weight * shape_of(&model.motion.inertia).norm_squared();
+        let information = information_of::<L, G>(scene, &model, &points, &likelihood, variance)?;
+        let log_volume = Inverse::of(&information)?.log_volume;
+        Some(Sample {
+            log_evidence: log_volume - of_images / variance,
+            log_posterior: log_volume - (of_images + prior) / variance,
+            model,
+            points,
+        })
+    }
+}
+
+/// The largest standard deviation of the shape in any direction, for a covariance of the common unknowns.
+fn widest_of_shape<const G: usize>(covariance: &SMatrix<f64, G, G>) -> f64 {
+    let of_shape = covariance.fixed_view::<5, 5>(0, 0).into_owned();
+    let eigenvalues = (of_shape + of_shape.transpose()).symmetric_eigenvalues();
+    (eigenvalues.max() * 0.5).max(0.0).sqrt()
+}
+
+/// A shape drawn from its prior, and `model` with that shape; `None` if no body has the drawn ones.
+fn drawn_body(model: &Disturbed, rng: &mut StdRng) -> Option<(SVector<f64, 5>, Disturbed)> {
+    (0..DRAWS).find_map(|_| {
+        let normal = |_, _| rng.sample::<f64, _>(StandardNormal);
+        let shape = SVector::<f64, 5>::from_fn(normal) * SHAPE_SPREAD;
+        Some((shape, model.with_shape(&shape)?))
+    })
+}
+
 /// Samples of the bodies that explain the same images.
 pub struct BodySamples<const L: usize, const G: usize> {
     samples: Vec<Sample>,
@@ -86,72 +147,41 @@ where
     /// Fits bodies with other expected shapes to the images, if these leave the shape open; otherwise `None`.
     /// `noise` is the assumed image noise \[px\].
     pub fn draw(scene: &Scene, estimate: &EvaluatedFit<G>, noise: f64) -> Option<Self> {
-        let EvaluatedFit {
-            fit,
-            lasting,
-            covariance,
-        } = estimate;
-        let of_shape = covariance.fixed_view::<5, 5>(0, 0).into_owned();
-        let widest = (of_shape + of_shape.transpose())
-            .symmetric_eigenvalues()
-            .max()
-            * 0.5;
+        let fit = &estimate.fit;
         let is_short = fit.motion.turn() < SHORT;
-        if !is_short && widest < OPEN * OPEN {
+        if !is_short && widest_of_shape(&estimate.covariance) < OPEN {
             return None;
         }
         let image_points = scene.observations().len();
+        let is_large = image_points > LARGE;
+        let variance = (estimate.lasting * fit.residuals.deviation.powi(2)).max(f64::MIN_POSITIVE);
+        let sampler = Sampler {
+            scene,
+            noise,
+            variance,
+            steps: STEPS[usize::from(is_large)],
+        };
+        let own = sampler.fitted::<L, G>(fit.motion.clone(), fit.points.clone())?;
         let most = if is_short { SAMPLES } else { AFTER_LONG };
         let count = (IMAGE_POINTS / image_points.max(1)).clamp(LEAST, most);
-        let is_large = image_points > LARGE;
-        let variance = (lasting * fit.residuals.deviation.powi(2)).max(f64::MIN_POSITIVE);
-        let likelihood = PixelLikelihood::Huber(4.0 * noise);
-        let adjust_options = AdjustOptions {
-            likelihood,
-            steps: STEPS[usize::from(is_large)],
-            tolerance: 1e-4,
-        };
-        let shape_weight = 0.5 * (noise / SHAPE_SPREAD).powi(2);
-        let fitted = |mut model: Disturbed, mut points: Vec<Vector3<f64>>| {
-            let reached = adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?;
-            let (weights, distances) = PoseModel::<L, G>::prior(&model);
-            let of_shape: f64 = (0..5).map(|k| weights[k] * distances[k].powi(2)).sum();
-            let of_images = reached.cost - 0.5 * of_shape;
-            let prior = shape_weight * shape_of(&model.motion.inertia).norm_squared();
-            let information =
-                information_of::<L, G>(scene, &model, &points, &likelihood, variance)?;
-            let log_volume = Inverse::of(&information)?.log_volume;
-            Some(Sample {
-                log_evidence: log_volume - of_images / variance,
-                log_posterior: log_volume - (of_images + prior) / variance,
-                model,
-                points,
-            })
-        };
-        let own = fitted(fit.motion.clone(), fit.points.clone())?;
         let mut rng = StdRng::seed_from_u64(11);
         let mut samples = Vec::with_capacity(count);
         for _ in 0..count {
-            let mut possible = |_| {
-                let normal = |_, _| rng.sample::<f64, _>(StandardNormal);
-                let shape = SVector::<f64, 5>::from_fn(normal) * SHAPE_SPREAD;
-                Some((shape, fit.motion.with_shape(&shape)?))
-            };
-            let Some((shape, there)) = (0..DRAWS).find_map(&mut possible) else {
+            let Some((shape, there)) = drawn_body(&fit.motion, &mut rng) else {
                 continue;
             };
-            let from_there = || fitted(there, fit.points.clone());
+            let from_there = || sampler.fitted::<L, G>(there, fit.points.clone());
             let from_here = || {
                 let model = own.model.with_expected_shape(&shape);
-                fitted(model, own.points.clone())
+                sampler.fitted::<L, G>(model, own.points.clone())
             };
             let far = is_short.then(from_there).flatten();
             let found = far.filter(|s| s.log_evidence > own.log_evidence - NOT_FOUND);
             samples.extend(found.or_else(from_here));
         }
-        let probabilities = samples.iter().map(|s| s.log_evidence);
+        let evidences = samples.iter().map(|s| s.log_evidence);
         Some(Self {
-            best: probabilities.fold(own.log_evidence, f64::max),
+            best: evidences.fold(own.log_evidence, f64::max),
             estimate: own.log_posterior,
             samples,
             variance,
@@ -223,14 +253,14 @@ where
         rng: &mut StdRng,
     ) -> Option<Disturbed> {
         let (mut model, mut points) = (sample.model.clone(), sample.points.clone());
-        let adjusted = |steps: [usize; 2]| AdjustOptions {
+        let adjusted = |steps| AdjustOptions {
             likelihood: *likelihood,
-            steps: steps[usize::from(self.is_large)],
+            steps,
             tolerance: 1e-4,
         };
         match likelihood {
             PixelLikelihood::Rounded(_) => {
-                let adjust_options = adjusted(STEPS_AFTER_ROUNDING);
+                let adjust_options = adjusted(STEPS_AFTER_ROUNDING[usize::from(self.is_large)]);
                 adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?;
             }
             PixelLikelihood::Huber(_) => {

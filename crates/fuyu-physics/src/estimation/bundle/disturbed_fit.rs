@@ -69,6 +69,15 @@ pub struct EvaluatedFit<const G: usize> {
     pub covariance: SMatrix<f64, G, G>,
 }
 
+/// Of the adjustments of this stage.
+fn adjust_options(settings: &SolverSettings) -> AdjustOptions {
+    AdjustOptions {
+        likelihood: PixelLikelihood::Huber(4.0 * settings.noise),
+        steps: 8,
+        tolerance: 1e-5,
+    }
+}
+
 /// Fits `start` with disturbances and evaluates it. `None` if the normal equations cannot be solved.
 pub fn fit_with_disturbances<const L: usize, const G: usize>(
     scene: &mut Scene,
@@ -163,11 +172,7 @@ fn search<const L: usize, const G: usize>(
 where
     Disturbed: PoseModel<L, G>,
 {
-    let adjust_options = AdjustOptions {
-        likelihood: PixelLikelihood::Huber(4.0 * settings.noise),
-        steps: 8,
-        tolerance: 1e-5,
-    };
+    let adjust_options = adjust_options(settings);
     let limit = INLIER_GATE * settings.noise;
     let (mut model, mut points) = (start, points);
     let mut cost = adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?.cost;
@@ -216,12 +221,8 @@ fn with_chosen_widths<const L: usize, const G: usize>(
 where
     Disturbed: PoseModel<L, G>,
 {
-    let likelihood = PixelLikelihood::Huber(4.0 * settings.noise);
-    let adjust_options = AdjustOptions {
-        likelihood,
-        steps: 8,
-        tolerance: 1e-5,
-    };
+    let adjust_options = adjust_options(settings);
+    let likelihood = adjust_options.likelihood;
     let limit = INLIER_GATE * settings.noise;
     for _ in 0..ROUNDS {
         let residuals = gate_and_evaluate::<L, G, _>(scene, &model, &points, limit);

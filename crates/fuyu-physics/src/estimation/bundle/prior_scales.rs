@@ -3,15 +3,15 @@
 //! With the normal equations of the common unknowns, `½ (z - z₀)ᵀ H (z - z₀) + gᵀ (z - z₀)` for the images and `½ zᵀ
 //! Λ z` for the prior, the logarithm of the evidence is `½ ln |Λ| - ½ ln |H + Λ| - min`: the marginal likelihood of
 //! the widths (MacKay 1992, Bayesian interpolation). A width that the images do not determine, or for which a smaller one
-//! would do, keeps its nominal value.
+//! would do, keeps about its nominal value.
 
 use nalgebra::{SMatrix, SVector};
 
 use super::pose_model::disturbed::Scales;
 
-/// Scales that are tried for each width. Not less than one: a torque whose mean the images show to be small may turn with
-/// the body and act in another direction later, and errors of a gyro that are small by chance grow after the images.
-const TRIED: [f64; 5] = [1.0, 10.0, 100.0, 1e3, 1e4];
+/// Scales that are tried for each width. Not much less than one: a torque whose mean the images show to be small may turn
+/// with the body and act in another direction later, and errors of a gyro that are small by chance grow after the images.
+const TRIED: [f64; 6] = [0.7, 1.0, 10.0, 100.0, 1e3, 1e4];
 
 /// Standard deviation of the scale's decimal logarithm where nothing else is known.
 const DECADES: f64 = 1.0;
@@ -97,7 +97,7 @@ mod tests {
             .torque
         };
         assert_eq!(found(150.0, 1e4), 100.0);
-        assert_eq!(found(0.02, 1e8), 1.0);
+        assert_eq!(found(0.02, 1e8), 0.7);
         // Nothing was measured.
         assert_eq!(found(3.0, 1e-4), 1.0);
     }
