@@ -45,7 +45,7 @@ const LARGE: usize = 4000;
 const STEPS: [usize; 2] = [12, 6];
 
 /// Steps of the adjustment to images with random errors, and of that to rounded pixels.
-const STEPS_AFTER_ERRORS: usize = 4;
+const STEPS_AFTER_ERRORS: usize = 6;
 const STEPS_AFTER_ROUNDING: [usize; 2] = [6, 4];
 
 /// A drawn shape is replaced this many times at most if no body has it.
@@ -170,13 +170,18 @@ where
             let Some((shape, there)) = drawn_body(&fit.motion, &mut rng) else {
                 continue;
             };
-            let from_there = || sampler.fitted::<L, G>(there, fit.points.clone());
-            let from_here = || {
-                let model = own.model.with_expected_shape(&shape);
-                sampler.fitted::<L, G>(model, own.points.clone())
-            };
-            let far = is_short.then(from_there).flatten();
-            let found = far.filter(|s| s.log_evidence > own.log_evidence - NOT_FOUND);
+            let model = own.model.with_expected_shape(&shape);
+            if !is_short {
+                samples.push(Sample {
+                    model,
+                    points: own.points.clone(),
+                    ..own
+                });
+                continue;
+            }
+            let from_there = sampler.fitted::<L, G>(there, fit.points.clone());
+            let found = from_there.filter(|s| s.log_evidence > own.log_evidence - NOT_FOUND);
+            let from_here = || sampler.fitted::<L, G>(model, own.points.clone());
             samples.extend(found.or_else(from_here));
         }
         let evidences = samples.iter().map(|s| s.log_evidence);
