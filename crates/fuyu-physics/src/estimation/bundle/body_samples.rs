@@ -8,9 +8,10 @@
 //! images. What is not drawn (errors of the priors of torques, path and camera) is covered by a linearised covariance,
 //! and so are the errors of rounded pixels, which adding more of them would not represent.
 //!
-//! Samples start from other shapes, so they are a global search as well. Minima are compared by their evidence (Laplace's
-//! approximation: likelihood times the square root of the covariance's determinant), not by their least cost: an extremely
-//! thin rod may cost least, but only with exactly one inertia.
+//! After a short rotation, samples start from other shapes and are fitted to the images first, so they are a global search
+//! as well. Minima are compared by their evidence (Laplace's approximation: likelihood times the square root of the
+//! covariance's determinant), not by their least cost: an extremely thin rod may cost least, but only with exactly one
+//! inertia. After other rotations all samples start from the estimate, and have equal weights.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -59,7 +60,7 @@ const AS_GOOD: f64 = 2.0;
 const BETTER: f64 = 0.5;
 const NEGLIGIBLE: f64 = 7.0;
 
-/// A body fitted to the images.
+/// A body, fitted to the images or about to be.
 struct Sample {
     model: Disturbed,
     points: Vec<Vector3<f64>>,
@@ -144,7 +145,7 @@ impl<const L: usize, const G: usize> BodySamples<L, G>
 where
     Disturbed: PoseModel<L, G>,
 {
-    /// Fits bodies with other expected shapes to the images, if these leave the shape open; otherwise `None`.
+    /// Bodies with other expected shapes, if the images leave the shape open; otherwise `None`.
     /// `noise` is the assumed image noise \[px\].
     pub fn draw(scene: &Scene, estimate: &EvaluatedFit<G>, noise: f64) -> Option<Self> {
         let fit = &estimate.fit;
