@@ -85,6 +85,7 @@ impl EstimationLoop {
             camera: CAMERA_FRAME,
             R_IC,
             known_length: self.params.known_length.as_ref(),
+            ranges: &[],
         };
         Some(snapshot.prediction(self.params.horizon, self.params.prediction_rate))
     }
@@ -96,7 +97,7 @@ impl EstimationLoop {
             return;
         }
         self.solved_at = Some(time);
-        let options = self.params.batch_options(&self.attitude);
+        let options = self.params.batch_options(&self.attitude, false);
         let Ok(estimated) = estimate(self.params.method, &self.tracks, &self.camera, &options)
         else {
             return;

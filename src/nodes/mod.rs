@@ -6,7 +6,7 @@
 //! | [`camera`] | `robot_description`, `joint_states`, `ground_truth/odom`, `ground_truth/NAME/odom`, `ground_truth/NAME/robot_description`, `ground_truth/NAME/joint_states`, `goal_pose` | `camera/tip_pose`, `camera/goal_pose`, `camera/second/tip_pose`, `camera/second/goal_pose`, `camera/camera_info`, `camera/features`, `ground_truth/features`, `camera/image_raw`, `camera/image_raw/compressed`, `camera/depth`, `camera/segmentation`, `camera/left/camera_info`, `camera/left/image_raw`, `camera/left/image_raw/compressed`, `camera/right/camera_info`, `camera/right/image_raw`, `camera/right/image_raw/compressed` |
 //! | [`controller`] | `robot_description`, `joint_states`, `imu`, `command_delay`, `camera/tip_pose`, `camera/goal_pose`, `camera/second/tip_pose`, `camera/second/goal_pose`, `estimator/angular_velocity` | `joint_commands`, `controller/state` |
 //! | [`attitude`] | `robot_description`, `joint_states`, `imu`, `star_tracker`, `wheel_states`, `attitude_target` | `wheel_commands`, `thruster_commands`, `attitude/state` |
-//! | [`estimator`] | `/tf_static`, `imu`, `camera/camera_info`, `camera/features` | `estimator/angular_velocity`, `estimator/motion`, `estimator/prediction` |
+//! | [`estimator`] | `/tf_static`, `imu`, `camera/camera_info`, `camera/features`, `camera/points` | `estimator/angular_velocity`, `estimator/motion`, `estimator/prediction` |
 //! | [`mission`] | `robot_description`, `joint_states`, `imu`, `wheel_states`, `camera/goal_pose`, `estimator/prediction` | `joint_commands`, `wheel_commands`, `thruster_commands`, `wrench`, `mission/state` |
 //! | [`tracker`] | `camera/image_raw`, `camera/segmentation` | `camera/features` |
 //! | [`teleop`] | `robot_description`, `joint_states`, `imu`, `joy`, `cmd_vel` | `joint_commands` |

@@ -19,7 +19,7 @@ use crate::{
         nav_msgs::{Odometry, Path},
         ros_gz_interfaces::Contacts,
         rosgraph_msgs::Clock,
-        sensor_msgs::{CameraInfo, CompressedImage, Image, Imu, JointState, Joy},
+        sensor_msgs::{CameraInfo, CompressedImage, Image, Imu, JointState, Joy, PointCloud2},
         std_msgs::{Float64, String as Text},
         tf2_msgs::TFMessage,
         trajectory_msgs::JointTrajectory,
@@ -134,6 +134,8 @@ topics! {
     FEATURES: Topic<FeatureTracks> = "camera/features", SENSOR_DATA, ["camera", "tracker"] => ["estimator"];
     /// The same from the truth, if a tracker publishes what it finds in images.
     TRUE_FEATURES: Topic<FeatureTracks> = "ground_truth/features", SENSOR_DATA, ["camera"] => ["recorder"];
+    /// Points of the target's surface in the camera's optical frame, from a stereo pair, a depth camera or a lidar.
+    POINTS: Topic<PointCloud2> = "camera/points", SENSOR_DATA, ["you"] => ["estimator"];
     /// What the camera sees.
     IMAGE: Topic<Image> = "camera/image_raw", SENSOR_DATA, ["camera"] => ["tracker"];
     /// The same, compressed.

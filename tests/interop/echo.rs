@@ -53,6 +53,7 @@ macro_rules! for_every_type {
             sensor_msgs::Imu,
             sensor_msgs::JointState,
             sensor_msgs::Joy,
+            sensor_msgs::PointCloud2,
             std_msgs::Bool,
             std_msgs::ColorRGBA,
             std_msgs::Empty,

@@ -15,7 +15,7 @@ use crate::{
     observer::{diagnosed, numbers},
     peer::Peer,
     process::{Running, command, fuyu, read},
-    tumbling::{estimator, publish, recorded, stamp},
+    tumbling::{cloud, estimator, publish, recorded, stamp},
     waiting::{PATIENCE, eventually},
 };
 
@@ -83,6 +83,65 @@ fn features_that_an_rclpy_node_publishes_are_enough() {
         let w = &rates.last().unwrap()["message"]["vector"];
         let w = numbers(&json!([w["x"], w["y"], w["z"]]));
         assert!(w.iter().all(|w| w.is_finite()), "{w:?}");
+        estimator.interrupt().well();
+    });
+}
+
+// Images of one camera leave the scale open; a cloud of points every two seconds gives it. Fails if clouds are not
+// matched to features, or positions stay in units of depth.
+#[test]
+fn clouds_of_points_give_positions_in_metres() {
+    repeat_if_late(|| {
+        let domain = 88;
+        let mut estimator = estimator(domain, "/", &["solve_period:=1.0"]);
+        let mut peer = peer_with_interfaces("eye", domain);
+        let topics = [
+            ("estimator/motion", "fuyu_msgs/msg/MotionEstimate"),
+            ("diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
+        ];
+        for (topic, kind) in topics {
+            peer.subscribe(topic, kind, "reliable");
+        }
+        let publish_cloud = |peer: &mut Peer, message: Value| {
+            peer.does(json!({
+                "do": "publish", "topic": "camera/points", "type": "sensor_msgs/msg/PointCloud2",
+                "message": message, "qos_name": "sensor_data"
+            }));
+        };
+        let frames = recorded(200);
+        for (k, frame) in (0..).zip(&frames) {
+            publish(&mut peer, frame);
+            if k % 20 == 10 {
+                publish_cloud(&mut peer, cloud(k));
+            }
+            thread::sleep(Duration::from_millis(50));
+        }
+        let motion = eventually("a motion in metres", 4 * PATIENCE, || {
+            let motion = peer.receive("estimator/motion", 1).pop()?["message"].clone();
+            let long = motion["duration"].as_f64()? > 19.0;
+            (long && motion["centre_unit"] == "m").then_some(motion)
+        });
+        let centre = &motion["position"];
+        let error = [("x", 0.0), ("y", 0.0), ("z", 0.9)]
+            .map(|(axis, right)| centre[axis].as_f64().unwrap() - right);
+        let variances = numbers(&motion["position_covariance"]);
+        for (k, error) in error.iter().enumerate() {
+            let deviation = variances[4 * k].sqrt();
+            assert!(
+                error.abs() < 4.0 * deviation && deviation < 0.01,
+                "{error} {deviation}: {motion}"
+            );
+        }
+        // A cloud in another frame is refused, and diagnostics name it.
+        let mut wrong = cloud(199);
+        wrong["header"]["frame_id"] = json!("lidar");
+        wrong["header"]["stamp"]["sec"] = json!(30);
+        publish_cloud(&mut peer, wrong);
+        let reported = diagnosed(&mut peer, "estimator: ranges", |level, _| level == 1);
+        assert!(
+            reported.contains("'lidar'") && reported.contains("camera/points"),
+            "{reported}"
+        );
         estimator.interrupt().well();
     });
 }

@@ -48,6 +48,24 @@ pub fn recorded(frames: u32) -> Vec<Value> {
     (0..frames).map(frame).collect()
 }
 
+/// The points of the ball in [`recorded`] at the time of frame `k`, as a depth camera measures them.
+pub fn cloud(k: u32) -> Value {
+    let R_CB = truth().attitude(0.1 * f64::from(k)).to_rotation_matrix();
+    let points = BodyPoint::on_sphere(20, 0.45, 5);
+    let data: Vec<u8> = points
+        .iter()
+        .map(|point| R_CB * point.p_B + Vector3::new(0.0, 0.0, 0.9))
+        .flat_map(|p_C| [p_C.x, p_C.y, p_C.z])
+        .flat_map(|value| (value as f32).to_le_bytes())
+        .collect();
+    let field = |name: &str, offset: u32| json!({"name": name, "offset": offset, "datatype": 7, "count": 1});
+    json!({
+        "header": {"frame_id": "their_camera", "stamp": {"sec": k / 10, "nanosec": k % 10 * 100_000_000}},
+        "height": 1, "width": 20, "fields": [field("x", 0), field("y", 4), field("z", 8)],
+        "is_bigendian": false, "point_step": 12, "row_step": 240, "data": data, "is_dense": true,
+    })
+}
+
 pub fn publish(peer: &mut Peer, message: &Value) {
     peer.does(json!({
         "do": "publish", "topic": "camera/features", "type": "fuyu_msgs/msg/FeatureTracks",

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use crate::{
     estimation::{
         MotionState, MotionTracker,
-        bundle::{CentreMotion, KnownLength, Scale},
+        bundle::{CentreMotion, KnownLength, MeasuredRange, Scale},
     },
     msg::{fuyu_msgs, geometry_msgs, nav_msgs, std_msgs::Header},
     nodes::geometry::{quaternion_to_msg, vector_to_msg},
@@ -25,6 +25,8 @@ pub struct Snapshot<'a> {
     pub R_IC: UnitQuaternion<f64>,
     /// The known length that gives the scale.
     pub known_length: Option<&'a KnownLength>,
+    /// Measured distances of points, which give the scale as well.
+    pub ranges: &'a [MeasuredRange],
 }
 
 impl Snapshot<'_> {
@@ -40,10 +42,11 @@ impl Snapshot<'_> {
         self.R_IC.inverse() * self.tracker.motion().attitude(time) * self.tracker.R_BF()
     }
 
-    /// Metres per unit of length; `None` if no known length gives it.
+    /// Metres per unit of length by the known length, otherwise by the measured ranges; `None` if neither gives it.
     fn scale(&self) -> Option<Scale> {
         let solution = self.tracker.batch().estimated.solution.as_ref()?;
-        solution.scale(self.known_length?).ok()
+        let known = self.known_length.and_then(|l| solution.scale(l).ok());
+        known.or_else(|| solution.scale_of_ranges(self.ranges))
     }
 
     /// The centre of mass at the time of the message, and the unit of length.
@@ -137,7 +140,7 @@ impl Snapshot<'_> {
     }
 
     /// `estimator/prediction`: attitudes of F from this time on over `horizon` \[s\], at `rate` \[Hz\], in the
-    /// camera's axes at this time. Positions are those of the centre of mass, in metres if a known length gives
+    /// camera's axes at this time. Positions are those of the centre of mass, in metres if a known length or measured ranges give
     /// the scale, otherwise in units of its depth when the batch began; zero for a method without positions.
     pub fn prediction(&self, horizon: f64, rate: f64) -> nav_msgs::Path {
         let metres = self.scale().map_or(1.0, |scale| scale.metres);

@@ -1,7 +1,7 @@
 //! Estimator node: estimates the motion of a tumbling target from feature tracks, and predicts its attitudes.
 //!
-//! Inputs are the camera's features and calibration, the base's gyro, and the mounting of both sensors (`/tf_static`). Batch
-//! solutions over a window of frames are computed in a separate thread; a [`MotionTracker`](crate::estimation::MotionTracker)
+//! Inputs are the camera's features and calibration, the base's gyro, the mounting of both sensors (`/tf_static`), and
+//! clouds of points that give the scale of lengths. Batch solutions over a window of frames are computed in a separate thread; a [`MotionTracker`](crate::estimation::MotionTracker)
 //! continues the last solution from frame to frame.
 
 mod camera_attitude;
@@ -11,6 +11,7 @@ mod messages;
 mod monotonic;
 mod observer;
 mod params;
+mod ranges;
 mod solver;
 
 pub use camera_attitude::{CameraAttitude, StaticRotations, variance_of};
@@ -54,6 +55,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
             observer.queue_frame(frame, Instant::now());
         }
         observer.update_motion(node.now(), &topics);
+        observer.update_ranges(&topics);
         observer.solve(node.now());
         observer.take_solution(&topics);
         observer.coast(node.now(), &topics);
@@ -65,6 +67,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
 /// Endpoints of the estimator node.
 struct Topics {
     features: Subscription<fuyu_msgs::FeatureTracks>,
+    points: Subscription<sensor_msgs::PointCloud2>,
     camera_info: Subscription<sensor_msgs::CameraInfo>,
     imu: Subscription<sensor_msgs::Imu>,
     tf_static: Subscription<tf2_msgs::TFMessage>,
@@ -72,6 +75,7 @@ struct Topics {
     motion: Publisher<fuyu_msgs::MotionEstimate>,
     prediction: Publisher<nav_msgs::Path>,
     status: Status,
+    range_status: Status,
 }
 
 impl Topics {
@@ -79,8 +83,12 @@ impl Topics {
         let features = topics::FEATURES.subscribe_deep(node, QUEUE)?;
         let status = node.diagnostics().status("features");
         status.warn(format!("nothing has arrived on {} yet", features.topic()));
+        let range_status = node.diagnostics().status("ranges");
+        range_status
+            .ok("no cloud has arrived; the scale comes from a known distance, if one is given");
         Ok(Self {
             features,
+            points: topics::POINTS.subscribe(node)?,
             camera_info: topics::CAMERA_INFO.subscribe(node)?,
             imu: topics::IMU.subscribe_deep(node, QUEUE)?,
             tf_static: topics::TF_STATIC.subscribe(node)?,
@@ -88,6 +96,7 @@ impl Topics {
             motion: topics::TARGET_MOTION.advertise(node)?,
             prediction: topics::PREDICTION.advertise(node)?,
             status,
+            range_status,
         })
     }
 

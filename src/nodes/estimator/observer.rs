@@ -8,6 +8,7 @@ use super::{
     messages::Snapshot,
     monotonic::Monotonic,
     params::RETRY_PERIOD,
+    ranges::Ranges,
     solver::{Job, Solved, Solver},
 };
 use std::time::Instant;
@@ -41,6 +42,7 @@ pub struct Observer {
     /// Frames whose time the gyro has not reached.
     queue: FrameQueue,
     tracks: Tracks,
+    ranges: Ranges,
     solver: Solver,
     /// Time of the newest frame when the last job was submitted \[s\].
     solved_at: Option<f64>,
@@ -76,6 +78,7 @@ impl Observer {
             gyro_restarts: 0,
             queue: FrameQueue::default(),
             tracks: Tracks::default(),
+            ranges: Ranges::default(),
             solver: Solver::start(),
             solved_at: None,
             solve_duration: 0.0,
@@ -169,6 +172,26 @@ impl Observer {
         self.queue.push(frame, now);
     }
 
+    /// Measures the distances of features by the clouds that have arrived.
+    pub fn update_ranges(&mut self, topics: &Topics) {
+        while let Some(received) = topics.points.take() {
+            if let Err(problem) = self.ranges.take(&received.message, &self.camera_frame) {
+                let topic = topics.points.topic();
+                topics
+                    .range_status
+                    .warn(format!("{topic}: {problem}; the cloud is ignored"));
+            }
+        }
+        if let Some(camera) = &self.camera
+            && let Some(found) = self.ranges.measure(self.tracks.frames(), camera)
+        {
+            topics
+                .range_status
+                .set("features in the newest cloud", found);
+            topics.range_status.ok("clouds give the scale of lengths");
+        }
+    }
+
     /// Processes the frames whose time the gyro has reached, or that have waited too long for it.
     pub fn update_motion(&mut self, now: Time, topics: &Topics) {
         while let Some(frame) = self
@@ -207,6 +230,7 @@ impl Observer {
         let oldest = time - self.params.window;
         self.tracks.forget_before(oldest);
         self.attitude.gyro.forget_before(oldest);
+        self.ranges.forget_before(oldest);
         if let Some(since) = self.attitude.gyro.known_since() {
             // The camera's rotation before that is not known.
             self.tracks.forget_before(since.min(time));
@@ -233,6 +257,7 @@ impl Observer {
 
     fn restart(&mut self) {
         self.tracks = Tracks::default();
+        self.ranges = Ranges::default();
         // If the gyro has restarted already, its samples are needed from the first frame on.
         if self.attitude.gyro.restarts() == self.gyro_restarts {
             self.attitude.gyro.clear();
@@ -293,6 +318,7 @@ impl Observer {
             camera: &self.camera_frame,
             R_IC: self.attitude.gyro.R_GC(time),
             known_length: self.params.known_length.as_ref(),
+            ranges: self.ranges.measured(),
         })
     }
 
@@ -337,7 +363,9 @@ impl Observer {
             method: self.params.method,
             tracks: self.tracks.clone(),
             camera,
-            options: self.params.batch_options(&self.attitude),
+            options: self
+                .params
+                .batch_options(&self.attitude, !self.ranges.measured().is_empty()),
         });
     }
 

@@ -256,8 +256,9 @@ impl EstimatorParams {
         }
     }
 
-    /// Options of a batch with the camera's motion by the gyro.
-    pub fn batch_options(&self, attitude: &CameraAttitude) -> bundle::Options {
+    /// Options of a batch with the camera's motion by the gyro. `has_ranges`: whether distances of points have been
+    /// measured.
+    pub fn batch_options(&self, attitude: &CameraAttitude, has_ranges: bool) -> bundle::Options {
         bundle::Options {
             pixel_noise: self.pixel_noise,
             widths: Widths {
@@ -265,7 +266,7 @@ impl EstimatorParams {
                 ..self.widths
             },
             camera_motion: attitude.gyro.motion(),
-            with_points: self.known_length.is_some(),
+            with_points: self.known_length.is_some() || has_ranges,
             ..bundle::Options::default()
         }
     }

@@ -6,5 +6,6 @@
 mod judge;
 mod problems;
 mod push;
+mod ranges;
 mod rates;
 mod world;

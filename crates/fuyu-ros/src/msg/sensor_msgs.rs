@@ -88,6 +88,40 @@ crate::messages! {
         data: Vec<u8>,
     }
 
+    /// Layout of one value of the points of a cloud.
+    message PointField {
+        /// `x`, `y`, `z`.
+        name: String,
+        /// Bytes from the beginning of a point.
+        offset: u32,
+        /// 1 to 8: `INT8`, `UINT8`, `INT16`, `UINT16`, `INT32`, `UINT32`, `FLOAT32`, `FLOAT64`.
+        datatype: u8,
+        /// Number of values.
+        count: u32,
+    }
+
+    /// Points in space, row by row.
+    message PointCloud2 {
+        /// Time of the measurement; the frame of the coordinates.
+        header: Header,
+        /// Rows; 1 if the points have no order.
+        height: u32,
+        /// Points in a row.
+        width: u32,
+        /// Layout of a point.
+        fields: Vec<PointField>,
+        /// Whether the data are big-endian.
+        is_bigendian: bool,
+        /// Bytes of a point.
+        point_step: u32,
+        /// Bytes of a row.
+        row_step: u32,
+        /// `row_step * height` bytes.
+        data: Vec<u8>,
+        /// Whether all points are finite.
+        is_dense: bool,
+    }
+
     /// State of a joystick.
     message Joy {
         /// Time of the reading.

@@ -74,7 +74,7 @@ pub(super) use camera_motion::attitude_at;
 
 pub use free_motion::FreeMotion;
 pub use pose_model::disturbed::{Orbit, Widths};
-pub use scale::{KnownLength, Scale, ScaleError};
+pub use scale::{KnownLength, MeasuredRange, Scale, ScaleError};
 
 pub(super) use attitude_fit::{SegmentAttitude, fit_attitudes};
 pub(super) use free_motion::{PARAMETERS, SHAPE_SPREAD, shape_of, shape_times};

@@ -1,10 +1,10 @@
-//! The scale of lengths, which the images of one camera do not determine, from one known length.
+//! The scale of lengths, which the images of one camera do not determine, from one known length or from measured ranges.
 
 use std::str::FromStr;
 
-use nalgebra::{Matrix3, Matrix6, Vector6};
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-use super::{BodyPoint, CentreMotion, Solution};
+use super::{BodyPoint, BodyPose, CentreMotion, Solution};
 
 /// A length that is known \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -14,6 +14,23 @@ pub enum KnownLength {
     /// Distance from the camera to a feature point in the last frame, from a range finder.
     Range(u64, f64),
 }
+
+/// Distance from the camera to a feature point, measured in one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeasuredRange {
+    /// The feature point.
+    pub id: u64,
+    /// Time of the frame \[s\].
+    pub time: f64,
+    /// The distance \[m\].
+    pub metres: f64,
+}
+
+/// Least number of measured ranges that give the scale: the median of three is right if one of them is wrong.
+const LEAST_RANGES: usize = 3;
+
+/// Ranges that are off the median by more standard deviations are wrong: those of the background, for example.
+const WRONG_RANGE: f64 = 3.0;
 
 /// Why a length does not give the scale.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -101,24 +118,72 @@ impl Solution {
             KnownLength::Range(id, metres) => {
                 let point = find(id)?;
                 let pose = self.poses.last().ok_or(ScaleError::NoPose)?;
-                let R = pose.R_CB.to_rotation_matrix();
-                let of_point = R * point.covariance.unwrap_or_default() * R.inverse();
-                let of_centre = self
-                    .centre
-                    .as_ref()
-                    .map(|c| c.covariance.fixed_view::<3, 3>(0, 0).into_owned());
-                let spread = of_point + of_centre.unwrap_or_default();
-                (pose.R_CB * point.p_B + pose.t_C, spread, metres)
+                let (position, spread) = self.in_camera(point, pose);
+                (position, spread, metres)
             }
         };
         let length = apart.norm();
-        let deviation = apart.dot(&(spread * apart)).max(0.0).sqrt() / length;
         let scale = metres / length;
         Ok(Scale {
             metres: scale,
-            deviation: scale * deviation / length,
+            deviation: scale * deviation_along(&apart, &spread) / length,
         })
     }
+
+    /// Metres per unit of length from measured ranges: the mean of those that agree; `None` with fewer than three of them that belong to
+    /// known points in known poses. The deviation is the scatter of the ranges and that of the points; give
+    /// [`super::Options::with_points`] for the latter.
+    pub fn scale_of_ranges(&self, ranges: &[MeasuredRange]) -> Option<Scale> {
+        // Ratio and its deviation by the points.
+        let ratio = |range: &MeasuredRange| {
+            let after = self.poses.partition_point(|p| p.time < range.time);
+            let pose = self.poses.get(after).filter(|p| p.time == range.time)?;
+            let point = self.points.iter().find(|p| p.id == range.id)?;
+            let (position, spread) = self.in_camera(point, pose);
+            let length = position.norm();
+            let of_point = deviation_along(&position, &spread) / length;
+            (length > 1e-9).then(|| (range.metres / length, of_point))
+        };
+        let mut ratios: Vec<(f64, f64)> = ranges.iter().filter_map(ratio).collect();
+        if ratios.len() < LEAST_RANGES {
+            return None;
+        }
+        ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let middle = ratios[ratios.len() / 2].0;
+        let mut off: Vec<f64> = ratios.iter().map(|(r, _)| (r - middle).abs()).collect();
+        off.sort_by(f64::total_cmp);
+        // The median distance from the middle is 0.6745 deviations of a normal variable.
+        let limit = WRONG_RANGE * off[off.len() / 2] / 0.6745;
+        ratios.retain(|(ratio, _)| (ratio - middle).abs() <= limit);
+        let count = ratios.len() as f64;
+        let metres = ratios.iter().map(|(r, _)| r).sum::<f64>() / count;
+        let squares: f64 = ratios.iter().map(|(r, _)| (r - metres).powi(2)).sum();
+        let scatter = (squares / (count - 1.0).max(1.0) / count).sqrt();
+        let of_points = ratios[ratios.len() / 2].1;
+        Some(Scale {
+            metres,
+            deviation: scatter.hypot(metres * of_points),
+        })
+    }
+
+    /// Position of a point in the camera's axes of a frame, and its covariance.
+    fn in_camera(&self, point: &BodyPoint, pose: &BodyPose) -> (Vector3<f64>, Matrix3<f64>) {
+        let R = pose.R_CB.to_rotation_matrix();
+        let of_point = R * point.covariance.unwrap_or_default() * R.inverse();
+        let of_centre = self
+            .centre
+            .as_ref()
+            .map(|c| c.covariance.fixed_view::<3, 3>(0, 0).into_owned());
+        (
+            pose.R_CB * point.p_B + pose.t_C,
+            of_point + of_centre.unwrap_or_default(),
+        )
+    }
+}
+
+/// Standard deviation of the length of a vector.
+fn deviation_along(vector: &Vector3<f64>, covariance: &Matrix3<f64>) -> f64 {
+    vector.dot(&(covariance * vector)).max(0.0).sqrt() / vector.norm()
 }
 
 impl CentreMotion {
