@@ -23,10 +23,6 @@ const WAITING: usize = 4;
 /// Longest time from a cloud to its frame, where frames have no interval yet \[s\].
 const LONGEST: f64 = 0.1;
 
-/// `datatype` of a [`PointField`].
-const FLOAT32: u8 = 7;
-const FLOAT64: u8 = 8;
-
 /// Points in the camera's axes at one time \[m\].
 struct Cloud {
     time: f64,
@@ -132,8 +128,8 @@ fn points_of(message: &PointCloud2) -> Result<Vec<Vector3<f64>>, String> {
         let field = message.fields.iter().find(|f| f.name == name);
         let field = field.ok_or_else(|| format!("fields has no '{name}'"))?;
         let size = match field.datatype {
-            FLOAT32 => 4,
-            FLOAT64 => 8,
+            PointField::FLOAT32 => 4,
+            PointField::FLOAT64 => 8,
             other => {
                 return Err(format!(
                     "field '{name}' has datatype {other}; it must be 7 (FLOAT32) or 8 (FLOAT64)"
@@ -162,8 +158,8 @@ fn points_of(message: &PointCloud2) -> Result<Vec<Vector3<f64>>, String> {
     let value = |point: &[u8], field: &PointField| {
         let from = &point[field.offset as usize..];
         match (field.datatype, message.is_bigendian) {
-            (FLOAT64, false) => from.first_chunk().map(|b| f64::from_le_bytes(*b)),
-            (FLOAT64, true) => from.first_chunk().map(|b| f64::from_be_bytes(*b)),
+            (PointField::FLOAT64, false) => from.first_chunk().map(|b| f64::from_le_bytes(*b)),
+            (PointField::FLOAT64, true) => from.first_chunk().map(|b| f64::from_be_bytes(*b)),
             (_, false) => from
                 .first_chunk()
                 .map(|b| f64::from(f32::from_le_bytes(*b))),
@@ -185,6 +181,9 @@ fn points_of(message: &PointCloud2) -> Result<Vec<Vector3<f64>>, String> {
 mod tests {
     use super::*;
     use crate::vision::Feature;
+
+    const FLOAT32: u8 = PointField::FLOAT32;
+    const FLOAT64: u8 = PointField::FLOAT64;
 
     const CAMERA: Pinhole = Pinhole {
         fx: 500.0,

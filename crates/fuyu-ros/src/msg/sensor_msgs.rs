@@ -94,10 +94,28 @@ crate::messages! {
         name: String,
         /// Bytes from the beginning of a point.
         offset: u32,
-        /// 1 to 8: `INT8`, `UINT8`, `INT16`, `UINT16`, `INT32`, `UINT32`, `FLOAT32`, `FLOAT64`.
+        /// Type of the values, one of the constants.
         datatype: u8,
         /// Number of values.
         count: u32,
+    }
+    constants {
+        /// Integers of 8 bits.
+        INT8: u8 = 1,
+        /// The same without sign.
+        UINT8: u8 = 2,
+        /// Integers of 16 bits.
+        INT16: u8 = 3,
+        /// The same without sign.
+        UINT16: u8 = 4,
+        /// Integers of 32 bits.
+        INT32: u8 = 5,
+        /// The same without sign.
+        UINT32: u8 = 6,
+        /// Floating-point numbers of 32 bits.
+        FLOAT32: u8 = 7,
+        /// Floating-point numbers of 64 bits.
+        FLOAT64: u8 = 8,
     }
 
     /// Points in space, row by row.
