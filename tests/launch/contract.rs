@@ -211,6 +211,7 @@ const SUBSCRIPTIONS: [(&str, &[&str]); 4] = [
         &[
             "/camera/camera_info",
             "/camera/features",
+            "/camera/points",
             "/imu",
             "/tf_static",
         ],
