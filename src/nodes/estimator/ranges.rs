@@ -20,7 +20,7 @@ const PERIOD: f64 = 1.0;
 /// Clouds that wait for their frame at most.
 const WAITING: usize = 4;
 
-/// Longest time from a cloud to its frame, where frames have no interval yet \[s\].
+/// Longest time from a cloud to the frame nearest to it \[s\].
 const LONGEST: f64 = 0.1;
 
 /// Points in the camera's axes at one time \[m\].
