@@ -3,18 +3,15 @@
 //! Levenberg-Marquardt with a [`PixelLikelihood`] for each image point and a weak prior on depths. A [`PoseModel`]
 //! gives the poses: one independent pose per frame, or attitudes from a motion model.
 
-use std::ops::Range;
-
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use pulp::{Arch, Simd, WithSimd};
 
-use super::intrinsics::INTRINSICS;
+use super::envelope::{mul_add, products};
+use super::intrinsics::{INTRINSICS, Lens};
 use super::pixel_likelihood::PixelLikelihood;
 use super::pose_model::{FramePose, PoseModel};
 use super::scene::{CentrePrior, Scene};
-use super::schur::{Step, System};
-
-/// Unknowns of a frame: pose and intrinsics.
-const FRAME: usize = 6 + INTRINSICS;
+use super::schur::{FRAME, Step, System};
 
 /// Cost function and stopping criteria of an adjustment.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,7 +41,7 @@ pub fn adjust<const L: usize, const G: usize, M: PoseModel<L, G>>(
     points: &mut Vec<Vector3<f64>>,
     adjust_options: &AdjustOptions,
 ) -> Option<AdjustOutcome> {
-    let mut system = System::<L, G>::new(scene.points);
+    let mut system = System::<L, G>::new(scene.points, M::CAMERA);
     let centre = scene.centre_prior(points);
     let of_centre = |points: &[Vector3<f64>]| centre.as_ref().map_or(0.0, |c| c.cost(points));
     let likelihood = &adjust_options.likelihood;
@@ -124,7 +121,7 @@ pub fn reduced_normal<const L: usize, const G: usize, M: PoseModel<L, G>>(
     likelihood: &PixelLikelihood,
     with_points: bool,
 ) -> Option<ReducedNormal<G>> {
-    let mut system = System::<L, G>::new(scene.points);
+    let mut system = System::<L, G>::new(scene.points, M::CAMERA);
     let centre = scene.centre_prior(points);
     linearise(
         scene,
@@ -179,6 +176,7 @@ fn total_cost<const L: usize, const G: usize, M: PoseModel<L, G>>(
     cost.is_finite().then_some(cost)
 }
 
+/// Fills `system` with the normal equations at `motion` and `points`.
 fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &M,
@@ -188,41 +186,80 @@ fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
     system: &mut System<L, G>,
 ) {
     system.clear();
+    system.reserve(scene.len(), scene.observations().len());
     if let Some(CentrePrior { weight, about }) = centre {
         for (k, (p, q)) in points.iter().zip(about).enumerate() {
             system.add_point(k, &(Matrix3::identity() * *weight), &((p - q) * *weight));
         }
     }
     let lens = motion.intrinsics().lens(&scene.focal);
-    // Unknowns of a frame: rotation (3), translation (3), and the model's intrinsics.
-    let unknowns = 6 + M::CAMERA;
+    let arch = Arch::new();
+    let mut columns = Vec::new();
     for i in 0..scene.len() {
-        let FramePose { R_CB, t_C } = motion.pose(i);
-        let R = *R_CB.to_rotation_matrix().matrix();
-        let pose = motion.pose_by_common(i);
-        let common_by_pose = pose.transpose();
-        // Most common unknowns act either on rotation or on position.
-        let spans: [Range<usize>; 6] = std::array::from_fn(|k| {
-            let column = &common_by_pose.as_slice()[k * G..(k + 1) * G];
-            let first = column.iter().position(|x| *x != 0.0).unwrap_or(G);
-            first
-                ..column
-                    .iter()
-                    .rposition(|x| *x != 0.0)
-                    .map_or(G, |last| last + 1)
+        let (mut H, g) = arch.dispatch(FrameLinearisation::<L, G> {
+            scene,
+            frame: i,
+            pose: motion.pose(i),
+            lens: &lens,
+            camera: M::CAMERA,
+            points,
+            likelihood,
+            system,
+            columns: &mut columns,
         });
-        let mut H = SMatrix::<f64, FRAME, FRAME>::zeros();
-        let mut g = SVector::<f64, FRAME>::zeros();
-        for observation in scene.frame(i).iter().filter(|s| s.inlier) {
-            let p = points[observation.point];
-            let x = R * p + t_C;
-            let projected = lens.expand(&x);
-            let expansion = likelihood.expand(&(projected.pixel - observation.pixel));
+        let floor = 1e-9 * (1.0 + H.trace());
+        for a in 6 - L..6 {
+            H[(a, a)] += floor;
+        }
+        system.add_frame(H, g, &motion.pose_by_common(i));
+    }
+    let (weights, distance) = motion.prior();
+    system.add_common(&weights, &weights.component_mul(&distance));
+}
+
+/// The normal equations of one frame, as a SIMD kernel: adds those of points and couplings to `system` and returns those
+/// of pose and intrinsics.
+struct FrameLinearisation<'a, const L: usize, const G: usize> {
+    scene: &'a Scene,
+    frame: usize,
+    pose: FramePose,
+    lens: &'a Lens,
+    /// Number of intrinsics that are unknowns.
+    camera: usize,
+    points: &'a [Vector3<f64>],
+    likelihood: &'a PixelLikelihood,
+    system: &'a mut System<L, G>,
+    /// Scratch.
+    columns: &'a mut Vec<f64>,
+}
+
+/// Columns of J and r, padded to a multiple of three.
+const COLUMNS: usize = (FRAME + 1).next_multiple_of(3);
+
+impl<const L: usize, const G: usize> WithSimd for FrameLinearisation<'_, L, G> {
+    type Output = (SMatrix<f64, FRAME, FRAME>, SVector<f64, FRAME>);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let R = *self.pose.R_CB.to_rotation_matrix().matrix();
+        let observations = self.scene.frame(self.frame);
+        // J by columns, with r as one more: its dot products are H and g.
+        let rows = 3 * observations.len();
+        let columns = self.columns;
+        columns.clear();
+        columns.resize(COLUMNS * rows, 0.0);
+        for (i, observation) in observations.iter().enumerate().filter(|(_, s)| s.inlier) {
+            let p = self.points[observation.point];
+            let x = R * p + self.pose.t_C;
+            let projected = self.lens.expand(&x);
+            let expansion = self
+                .likelihood
+                .expand(&(projected.pixel - observation.pixel));
             // Scaled residuals and rows of J, so that ½ r² has the slope and curvature of the cost.
             let root = expansion.curvature.map(f64::sqrt);
-            let anchor = scene.anchor(observation.point);
+            let anchor = self.scene.anchor(observation.point);
             let scaled = expansion.slope.component_div(&root);
-            let r = Vector3::new(scaled.x, scaled.y, anchor * (x.z - 1.0));
+            let r = [scaled.x, scaled.y, anchor * (x.z - 1.0)];
             let mut by_x = Matrix3::zeros();
             for k in 0..3 {
                 by_x[(0, k)] = root.x * projected.by_x[(0, k)];
@@ -231,112 +268,74 @@ fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
             by_x[(2, 2)] = anchor;
             let by_p = by_x * R;
             // x = R exp([θ×]) p + t: by θ it is -R [p×], and by_p [p×] has the rows of by_p crossed with p.
-            let mut J = SMatrix::<f64, 3, FRAME>::zeros();
-            for row in 0..3 {
+            let mut J = [[0.0; FRAME]; 3];
+            for (row, J) in J.iter_mut().enumerate() {
                 let a = Vector3::new(by_p[(row, 0)], by_p[(row, 1)], by_p[(row, 2)]);
                 let c = p.cross(&a);
                 for k in 0..3 {
-                    J[(row, k)] = c[k];
-                    J[(row, 3 + k)] = by_x[(row, k)];
+                    J[k] = c[k];
+                    J[3 + k] = by_x[(row, k)];
                 }
             }
-            for k in 0..M::CAMERA {
-                J[(0, 6 + k)] = root.x * projected.by_intrinsics[(0, k)];
-                J[(1, 6 + k)] = root.y * projected.by_intrinsics[(1, k)];
-            }
-            for a in 0..unknowns {
-                for b in 0..=a {
-                    H[(a, b)] +=
-                        J[(0, a)] * J[(0, b)] + J[(1, a)] * J[(1, b)] + J[(2, a)] * J[(2, b)];
+            for k in 0..INTRINSICS {
+                if k < self.camera {
+                    J[0][6 + k] = root.x * projected.by_intrinsics[(0, k)];
+                    J[1][6 + k] = root.y * projected.by_intrinsics[(1, k)];
                 }
-                g[a] += J[(0, a)] * r.x + J[(1, a)] * r.y + J[(2, a)] * r.z;
             }
-            system.add_point(observation.point, &by_p.tr_mul(&by_p), &by_p.tr_mul(&r));
+            for (row, J) in J.iter().enumerate() {
+                for (a, entry) in J.iter().chain([&r[row]]).enumerate() {
+                    columns[a * rows + 3 * i + row] = *entry;
+                }
+            }
             let mut H_fp = SMatrix::<f64, FRAME, 3>::zeros();
-            for b in 0..3 {
-                for a in 0..unknowns {
-                    H_fp[(a, b)] = J[(0, a)] * by_p[(0, b)]
-                        + J[(1, a)] * by_p[(1, b)]
-                        + J[(2, a)] * by_p[(2, b)];
-                }
-            }
-            let H_lp = SMatrix::<f64, L, 3>::from_fn(|a, b| H_fp[(6 - L + a, b)]);
-            system.couple(observation.point, H_lp);
-            let H_gp = system.with_common(observation.point);
-            for (b, column) in H_gp.as_mut_slice().chunks_exact_mut(G).enumerate() {
-                for (k, common) in common_by_pose.as_slice().chunks_exact(G).enumerate() {
-                    let span = spans[k].clone();
-                    for (sum, part) in column[span.clone()].iter_mut().zip(&common[span]) {
-                        *sum += part * H_fp[(k, b)];
+            for (b, column) in H_fp.as_mut_slice().chunks_exact_mut(FRAME).enumerate() {
+                for (row, J) in J.iter().enumerate() {
+                    for a in 0..FRAME {
+                        column[a] = mul_add::<S>(J[a], by_p[(row, b)], column[a]);
                     }
                 }
-                for k in 0..M::CAMERA {
-                    column[G - M::CAMERA + k] += H_fp[(6 + k, b)];
+            }
+            let g_p = by_p.tr_mul(&Vector3::from(r));
+            self.system
+                .add_point(observation.point, &by_p.tr_mul(&by_p), &g_p);
+            self.system.couple(observation.point, H_fp);
+        }
+        let mut H = SMatrix::<f64, FRAME, FRAME>::zeros();
+        let mut g = SVector::<f64, FRAME>::zeros();
+        for a in (0..COLUMNS).step_by(3) {
+            for b in (0..=a).step_by(3) {
+                let sums = products(
+                    simd,
+                    three_columns(columns, rows, a),
+                    three_columns(columns, rows, b),
+                );
+                for (a, sums) in (a..).zip(sums) {
+                    for (b, sum) in (b..).zip(sums) {
+                        match a {
+                            0..FRAME if b < FRAME => {
+                                H[(a, b)] = sum;
+                                H[(b, a)] = sum;
+                            }
+                            FRAME if b < FRAME => g[b] = sum,
+                            _ => {}
+                        }
+                    }
                 }
             }
         }
-        H.fill_upper_triangle_with_lower_triangle();
-        // Derivatives of the frame's pose and intrinsics by the common unknowns.
-        let mut by_common = SMatrix::<f64, FRAME, G>::zeros();
-        by_common.fixed_rows_mut::<6>(0).copy_from(&pose);
-        for k in 0..M::CAMERA {
-            by_common[(6 + k, G - M::CAMERA + k)] += 1.0;
-        }
-        let nonzero: [Range<usize>; FRAME] = std::array::from_fn(|k| match k {
-            0..6 => spans[k].clone(),
-            _ if k < unknowns => G - M::CAMERA + (k - 6)..G - M::CAMERA + (k - 6) + 1,
-            _ => 0..0,
-        });
-        let H_fg = product_with_sparse_rows(&H, &by_common, &nonzero);
-        let floor = 1e-9 * (1.0 + H.trace());
-        let mut H_ll = SMatrix::<f64, L, L>::from_fn(|a, b| H[(6 - L + a, 6 - L + b)]);
-        for a in 0..L {
-            H_ll[(a, a)] += floor;
-        }
-        let H_lg = SMatrix::<f64, L, G>::from_fn(|a, b| H_fg[(6 - L + a, b)]);
-        let g_l = SVector::<f64, L>::from_fn(|a, _| g[6 - L + a]);
-        add_transposed_product(&by_common, &nonzero, &H_fg, &mut system.H_gg);
-        system.g_g += by_common.tr_mul(&g);
-        system.add_frame(H_ll, H_lg, g_l);
-    }
-    let (weights, distance) = motion.prior();
-    for a in 0..G {
-        system.H_gg[(a, a)] += weights[a];
-        system.g_g[a] += weights[a] * distance[a];
+        (H, g)
     }
 }
 
-/// `H B`, where row `k` of `B` is zero outside of the columns `nonzero[k]`.
-fn product_with_sparse_rows<const G: usize>(
-    H: &SMatrix<f64, FRAME, FRAME>,
-    B: &SMatrix<f64, FRAME, G>,
-    nonzero: &[Range<usize>; FRAME],
-) -> SMatrix<f64, FRAME, G> {
-    let mut product = SMatrix::<f64, FRAME, G>::zeros();
-    for (k, span) in nonzero.iter().enumerate() {
-        for column in span.clone() {
-            product
-                .column_mut(column)
-                .axpy(B[(k, column)], &H.column(k), 1.0);
-        }
-    }
-    product
-}
-
-/// Adds `Bᵀ C` to the symmetric `sum`, where row `k` of `B` is zero outside of the columns `nonzero[k]`.
-fn add_transposed_product<const G: usize>(
-    B: &SMatrix<f64, FRAME, G>,
-    nonzero: &[Range<usize>; FRAME],
-    C: &SMatrix<f64, FRAME, G>,
-    sum: &mut SMatrix<f64, G, G>,
-) {
-    for (k, span) in nonzero.iter().enumerate() {
-        let row: SVector<f64, G> = SVector::from_fn(|b, _| C[(k, b)]);
-        for column in span.clone() {
-            // The sum is symmetric: its columns are its rows.
-            sum.column_mut(column).axpy(B[(k, column)], &row, 1.0);
-        }
-    }
+/// Three columns of `rows` entries, from the one with index `first` on.
+#[inline(always)]
+fn three_columns(columns: &[f64], rows: usize, first: usize) -> [&[f64]; 3] {
+    [
+        &columns[first * rows..][..rows],
+        &columns[(first + 1) * rows..][..rows],
+        &columns[(first + 2) * rows..][..rows],
+    ]
 }
 
 #[cfg(test)]
@@ -383,7 +382,7 @@ mod tests {
         let (mut scene, motion, points) = small();
         scene.expect_centre(30.0);
         let centre = scene.centre_prior(&points);
-        let mut system = System::<6, 1>::new(6);
+        let mut system = System::<6, 1>::new(6, 1);
         linearise(
             &scene,
             &motion,
@@ -430,7 +429,7 @@ mod tests {
             let m = motion.moved(&still, &SVector::<f64, 1>::new(h)).unwrap();
             cost(&m, &points)
         };
-        close(system.g_g[0], step(h), step(-h));
+        close(system.common_gradient()[0], step(h), step(-h));
     }
 
     #[test]

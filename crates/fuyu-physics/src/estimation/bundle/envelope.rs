@@ -77,25 +77,14 @@ impl Envelope {
     /// Subtracts `Wᵀ W`. `W` has three columns for each of `blocks` (ascending); its rows are stored one after another,
     /// each padded with zeros to [`row_length`].
     pub fn subtract_product(&mut self, blocks: &[usize], w: &[f64], line: &mut Vec<f64>) {
-        let stride = row_length(blocks.len());
-        line.resize(stride, 0.0);
-        for row in 0..3 * blocks.len() {
-            let (k, width) = (row / 3, row_length(row / 3 + 1));
-            let product = Product {
+        if !w.is_empty() {
+            line.resize(row_length(blocks.len()), 0.0);
+            self.arch.dispatch(Product {
+                envelope: self,
+                blocks,
                 w,
-                stride,
-                row,
-                into: &mut line[..width],
-            };
-            self.arch.dispatch(product);
-            let (start, values) = self.row_mut(3 * blocks[k] + row % 3);
-            for (block, product) in blocks[..=k].iter().zip(line.chunks_exact(3)) {
-                let at = 3 * block - start;
-                let into = &mut values[at..at + 3];
-                into[0] -= product[0];
-                into[1] -= product[1];
-                into[2] -= product[2];
-            }
+                line,
+            });
         }
     }
 
@@ -126,26 +115,46 @@ pub const fn row_length(blocks: usize) -> usize {
     (3 * blocks).next_multiple_of(8)
 }
 
-/// One row of `Wᵀ W`, as a SIMD kernel.
+/// Subtraction of `Wᵀ W`, as a SIMD kernel.
 struct Product<'a> {
+    envelope: &'a mut Envelope,
+    blocks: &'a [usize],
     w: &'a [f64],
-    stride: usize,
-    row: usize,
-    into: &'a mut [f64],
+    /// Scratch for a row of the product.
+    line: &'a mut [f64],
 }
 
 impl WithSimd for Product<'_> {
     type Output = ();
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let (into, _) = S::as_mut_simd_f64s(self.into);
-        for (c, into) in into.iter_mut().enumerate() {
-            let mut sum = simd.splat_f64s(0.0);
-            for w in self.w.chunks_exact(self.stride) {
-                let factor = simd.splat_f64s(w[self.row]);
-                sum = simd.mul_add_e_f64s(factor, S::as_simd_f64s(w).0[c], sum);
+        let Self {
+            envelope,
+            blocks,
+            w,
+            line,
+        } = self;
+        let stride = line.len();
+        for (k, block) in blocks.iter().enumerate() {
+            for a in 0..3 {
+                let line = &mut line[..row_length(k + 1)];
+                for (c, into) in S::as_mut_simd_f64s(line).0.iter_mut().enumerate() {
+                    let mut sum = simd.splat_f64s(0.0);
+                    for w in w.chunks_exact(stride) {
+                        let factor = simd.splat_f64s(w[3 * k + a]);
+                        sum = simd.mul_add_e_f64s(factor, S::as_simd_f64s(w).0[c], sum);
+                    }
+                    *into = sum;
+                }
+                let (start, values) = envelope.row_mut(3 * block + a);
+                for (block, product) in blocks[..=k].iter().zip(line.chunks_exact(3)) {
+                    let at = 3 * block - start;
+                    let into = &mut values[at..at + 3];
+                    into[0] -= product[0];
+                    into[1] -= product[1];
+                    into[2] -= product[2];
+                }
             }
-            *into = sum;
         }
     }
 }
@@ -227,7 +236,7 @@ fn three(rows: &[f64], length: usize, width: usize) -> [&[f64]; 3] {
 
 /// Dot products of each of three rows with each of three others.
 #[inline(always)]
-fn products<S: Simd>(simd: S, a: [&[f64]; 3], b: [&[f64]; 3]) -> [[f64; 3]; 3] {
+pub fn products<S: Simd>(simd: S, a: [&[f64]; 3], b: [&[f64]; 3]) -> [[f64; 3]; 3] {
     let mut sums = [[simd.splat_f64s(0.0); 3]; 3];
     let [a0, a1, a2] = lanes::<S>(a);
     let [b0, b1, b2] = lanes::<S>(b);
@@ -282,6 +291,16 @@ fn add<S: Simd>(simd: S, sums: &mut [[S::f64s; 3]; 3], x: [S::f64s; 3], y: [S::f
         for j in 0..3 {
             sums[i][j] = simd.mul_add_e_f64s(x[i], y[j], sums[i][j]);
         }
+    }
+}
+
+/// `a b + c` with one instruction where the processor has one.
+#[inline(always)]
+pub fn mul_add<S: Simd>(a: f64, b: f64, c: f64) -> f64 {
+    // Processors with so many lanes have it; elsewhere it may be a function of the C library.
+    match S::F64_LANES >= 4 {
+        true => a.mul_add(b, c),
+        false => a * b + c,
     }
 }
 

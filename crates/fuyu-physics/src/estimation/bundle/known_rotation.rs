@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::pose_model::FramePose;
 use super::scene::{MIN_DEPTH, Scene, residual};
-use super::schur::System;
+use super::schur::{FRAME, System};
 
 /// Points and poses from the attitudes `R_CB` of all frames. `None` if the images do not determine them, or
 /// only with points far outside the scene.
@@ -22,11 +22,13 @@ pub fn structure(
     // The first round assumes depth one for all points; later rounds weight with the depths found and with Cauchy's
     // weights.
     for round in 0..6 {
-        let mut system = System::<3, 1>::new(scene.points);
+        let mut system = System::<3, 1>::new(scene.points, 0);
         for (i, R_CB) in attitudes.iter().enumerate() {
             let R = *R_CB.to_rotation_matrix().matrix();
-            let mut H = Matrix3::identity() * 1e-9;
-            let mut g = Vector3::zeros();
+            // Only the translation is unknown.
+            let mut H = SMatrix::<f64, FRAME, FRAME>::zeros();
+            let mut g = SVector::<f64, FRAME>::zeros();
+            let mut H_tt = Matrix3::identity() * 1e-9;
             for observation in scene.frame(i).iter().filter(|s| s.inlier) {
                 let m = observation.pixel;
                 let x = R * points[observation.point] + translations[i];
@@ -50,14 +52,18 @@ pub fn structure(
                 let r = by_x * x - Vector3::new(0.0, 0.0, anchor);
                 let by_p = by_x * R;
                 system.add_point(observation.point, &by_p.tr_mul(&by_p), &by_p.tr_mul(&r));
-                system.couple(observation.point, by_x.tr_mul(&by_p));
-                H += by_x.tr_mul(&by_x);
-                g += by_x.tr_mul(&r);
+                let mut H_fp = SMatrix::<f64, FRAME, 3>::zeros();
+                H_fp.fixed_rows_mut::<3>(3).copy_from(&by_x.tr_mul(&by_p));
+                system.couple(observation.point, H_fp);
+                H_tt += by_x.tr_mul(&by_x);
+                let mut g_t = g.fixed_rows_mut::<3>(3);
+                g_t += by_x.tr_mul(&r);
             }
-            system.add_frame(H, SMatrix::zeros(), g);
+            H.fixed_view_mut::<3, 3>(3, 3).copy_from(&H_tt);
+            system.add_frame(H, g, &SMatrix::zeros());
         }
-        system.H_gg = SMatrix::<f64, 1, 1>::identity();
-        system.g_g = SVector::<f64, 1>::zeros();
+        // There are no common unknowns; the type has one at least.
+        system.add_common(&SVector::<f64, 1>::repeat(1.0), &SVector::zeros());
         let step = system.step(1e-9)?;
         for (p, d) in points.iter_mut().zip(&step.points) {
             *p += d;
