@@ -339,16 +339,17 @@ fn add_sum<S: Simd>(
     }
 }
 
-/// `V X`, inlined.
+/// `V X` without the rows that nothing needs: those of own unknowns if they are the whole pose.
 #[inline(always)]
 fn product<S: Simd, const L: usize, const C: usize>(
     V: &SMatrix<f64, FRAME, L>,
     X: &SMatrix<f64, L, C>,
 ) -> SMatrix<f64, FRAME, C> {
+    let first = if L == 6 { 6 } else { 0 };
     let mut product = SMatrix::<f64, FRAME, C>::zeros();
     for (b, column) in product.as_mut_slice().chunks_exact_mut(FRAME).enumerate() {
         for l in 0..L {
-            for a in 0..FRAME {
+            for a in first..FRAME {
                 column[a] = mul_add::<S>(V[(a, l)], X[(l, b)], column[a]);
             }
         }
