@@ -40,12 +40,17 @@ pub fn recorded(frames: u32) -> Vec<Value> {
             seen.features.iter().map(of).collect()
         };
         json!({
-            "header": {"frame_id": "their_camera", "stamp": {"sec": k / 10, "nanosec": k % 10 * 100_000_000}},
+            "header": header(k),
             "ids": seen.features.iter().map(|f| f.id).collect::<Vec<_>>(),
             "u": list(|f| f.u), "v": list(|f| f.v),
         })
     };
     (0..frames).map(frame).collect()
+}
+
+/// The header of frame `k`.
+fn header(k: u32) -> Value {
+    json!({"frame_id": "their_camera", "stamp": {"sec": k / 10, "nanosec": k % 10 * 100_000_000}})
 }
 
 /// The points of the ball in [`recorded`] at the time of frame `k`, as a depth camera measures them.
@@ -60,7 +65,7 @@ pub fn cloud(k: u32) -> Value {
         .collect();
     let field = |name: &str, offset: u32| json!({"name": name, "offset": offset, "datatype": 7, "count": 1});
     json!({
-        "header": {"frame_id": "their_camera", "stamp": {"sec": k / 10, "nanosec": k % 10 * 100_000_000}},
+        "header": header(k),
         "height": 1, "width": 20, "fields": [field("x", 0), field("y", 4), field("z", 8)],
         "is_bigendian": false, "point_step": 12, "row_step": 240, "data": data, "is_dense": true,
     })

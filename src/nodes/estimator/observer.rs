@@ -188,7 +188,11 @@ impl Observer {
             topics
                 .range_status
                 .set("features in the newest cloud", found);
-            topics.range_status.ok("clouds give the scale of lengths");
+            match found {
+                0 => (topics.range_status)
+                    .warn("no point of the newest cloud is near a feature in the image"),
+                _ => topics.range_status.ok("clouds give the scale of lengths"),
+            }
         }
     }
 

@@ -8,7 +8,7 @@ use crate::{
     estimation::bundle::MeasuredRange,
     msg::sensor_msgs::{PointCloud2, PointField},
     ros::Time,
-    vision::{FeatureFrame, Pinhole},
+    vision::{Feature, FeatureFrame, Pinhole},
 };
 
 /// A feature has the distance of the nearest point of the cloud in the image, if that is no farther away \[px\].
@@ -98,27 +98,45 @@ impl Ranges {
     }
 }
 
-/// The distances of the features of a frame.
+/// The distances of the features of a frame, by id. A depth camera measures hundreds of thousands of points, so each is compared
+/// with the features in its columns only.
 fn measured_in(
     frame: &FeatureFrame,
     points: &[Vector3<f64>],
     camera: &Pinhole,
 ) -> Vec<MeasuredRange> {
-    let project = |p: &Vector3<f64>| Some((camera.project(p)?, p.norm()));
-    let seen: Vec<([f64; 2], f64)> = points.iter().filter_map(project).collect();
-    let features = frame.features.iter();
-    let range = |f: &crate::vision::Feature| {
-        let distances = seen
-            .iter()
-            .map(|([u, v], range)| ((u - f.u).hypot(v - f.v), *range));
-        let (apart, metres) = distances.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        (apart <= NEARBY).then_some(MeasuredRange {
-            id: f.id,
-            time: frame.time,
-            metres,
+    let mut features: Vec<&Feature> = frame.features.iter().collect();
+    features.sort_by(|a, b| a.u.total_cmp(&b.u));
+    // Distance in the image \[px\] and from the camera \[m\] of the nearest point.
+    let mut nearest: Vec<Option<(f64, f64)>> = vec![None; features.len()];
+    for point in points {
+        let Some([u, v]) = camera.project(point) else {
+            continue;
+        };
+        let first = features.partition_point(|f| f.u < u - NEARBY);
+        for (feature, nearest) in features.iter().zip(&mut nearest).skip(first) {
+            if feature.u > u + NEARBY {
+                break;
+            }
+            let apart = (u - feature.u).hypot(v - feature.v);
+            if apart <= NEARBY && nearest.is_none_or(|(least, _)| apart < least) {
+                *nearest = Some((apart, point.norm()));
+            }
+        }
+    }
+    let found = features.iter().zip(nearest);
+    let mut measured: Vec<_> = found
+        .filter_map(|(feature, nearest)| {
+            let (_, metres) = nearest?;
+            Some(MeasuredRange {
+                id: feature.id,
+                time: frame.time,
+                metres,
+            })
         })
-    };
-    features.filter_map(range).collect()
+        .collect();
+    measured.sort_by_key(|range| range.id);
+    measured
 }
 
 /// The finite points of a cloud.
@@ -180,7 +198,6 @@ fn points_of(message: &PointCloud2) -> Result<Vec<Vector3<f64>>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::Feature;
 
     const FLOAT32: u8 = PointField::FLOAT32;
     const FLOAT64: u8 = PointField::FLOAT64;
