@@ -26,7 +26,8 @@ use crate::{
 /// Number of frame intervals without a frame after which the motion is extrapolated.
 const MISSED_INTERVALS: f64 = 3.0;
 
-/// Longest time between the starts of two batches because of `solver_share` \[s\]; the filter bridges it.
+/// Longest time between the starts of two batches because of `solver_share` \[s\]; the filter bridges it. It is also no
+/// longer than the window of the last batch: what a few frames tell is soon corrected.
 const LONGEST_PAUSE: f64 = 10.0;
 
 /// State of the estimator node.
@@ -48,6 +49,8 @@ pub struct Observer {
     solved_at: Option<f64>,
     /// How long the last batch took \[s\], wall time.
     solve_duration: f64,
+    /// Time that the frames of the last batch span \[s\].
+    solved_span: f64,
     tracker: Option<MotionTracker>,
     /// Stamp of the newest frame \[s\], and its time of arrival.
     newest: Option<(f64, Time)>,
@@ -82,6 +85,7 @@ impl Observer {
             solver: Solver::start(),
             solved_at: None,
             solve_duration: 0.0,
+            solved_span: 0.0,
             tracker: None,
             newest: None,
             interval: 0.0,
@@ -345,13 +349,13 @@ impl Observer {
     /// which grows with the time that a batch takes, and once frames have stopped, so that the last batch has them
     /// all.
     pub fn solve(&mut self, now: Time) {
-        let (Some(camera), Some((_, newest))) = (self.camera, self.tracks.span()) else {
+        let (Some(camera), Some((oldest, newest))) = (self.camera, self.tracks.span()) else {
             return;
         };
         let mut period = self.params.batch_period(self.tracker.is_some());
         if self.tracker.is_some() {
             let limited_share = self.solve_duration / self.params.solver_share;
-            period = period.max(limited_share.min(LONGEST_PAUSE));
+            period = period.max(limited_share.min(LONGEST_PAUSE).min(self.solved_span));
         }
         let stopped = self
             .newest
@@ -363,6 +367,7 @@ impl Observer {
             return;
         }
         self.solved_at = Some(newest);
+        self.solved_span = newest - oldest;
         self.solver.submit(Job {
             method: self.params.method,
             tracks: self.tracks.clone(),
