@@ -353,7 +353,12 @@ impl Observer {
             return;
         };
         let mut period = self.params.batch_period(self.tracker.is_some());
-        if self.tracker.is_some() {
+        // The filter bridges a pause only as long as it knows most points.
+        let has_known_points = |tracker: &MotionTracker| {
+            let update = tracker.last_update();
+            update.is_none_or(|u| u.used + u.rejected >= u.unknown)
+        };
+        if self.tracker.as_ref().is_some_and(has_known_points) {
             let limited_share = self.solve_duration / self.params.solver_share;
             period = period.max(limited_share.min(LONGEST_PAUSE).min(self.solved_span));
         }

@@ -89,7 +89,7 @@ impl EstimatorParams {
             0.04,
             1e-3,
             1.0,
-            "Largest share of one processor core for batch solutions, in real time: one that takes long delays the next one, by 10 s at most",
+            "Largest share of one processor core for batch solutions, in real time: one that takes long delays the next one, by 10 s at most, and not while most points of a frame are new",
         );
         let disturbance = number(
             "disturbance",
