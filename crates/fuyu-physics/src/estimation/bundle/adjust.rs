@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
 use super::envelope::{mul_add, products};
-use super::intrinsics::{INTRINSICS, Lens};
+use super::intrinsics::Lens;
 use super::pixel_likelihood::PixelLikelihood;
 use super::pose_model::{FramePose, PoseModel};
 use super::scene::{CentrePrior, Scene};
@@ -277,11 +277,9 @@ impl<const L: usize, const G: usize> WithSimd for FrameLinearisation<'_, L, G> {
                     J[3 + k] = by_x[(row, k)];
                 }
             }
-            for k in 0..INTRINSICS {
-                if k < self.camera {
-                    J[0][6 + k] = root.x * projected.by_intrinsics[(0, k)];
-                    J[1][6 + k] = root.y * projected.by_intrinsics[(1, k)];
-                }
+            for k in 0..self.camera {
+                J[0][6 + k] = root.x * projected.by_intrinsics[(0, k)];
+                J[1][6 + k] = root.y * projected.by_intrinsics[(1, k)];
             }
             for (row, J) in J.iter().enumerate() {
                 for (a, entry) in J.iter().chain([&r[row]]).enumerate() {

@@ -77,7 +77,7 @@ impl<'a, const L: usize> ReducedFrame<'a, L> {
         let g = lower_product(&inverse, &own_rows::<L, 1>(&frame.g));
         let V = lower_product(&inverse, &own_rows::<L, FRAME>(&frame.H)).transpose();
         let H = frame.H - product::<S, L, FRAME>(&V, &V.transpose());
-        let rows = &system.by_common[i * pose * stride..][..pose * stride];
+        let rows = system.pose_rows(i);
         let group = |k: usize| match 3 * k < pose {
             true => (&rows[3 * k * stride..][..3 * stride], &frame.spans[k]),
             false => (&[][..], &frame.spans[k]),

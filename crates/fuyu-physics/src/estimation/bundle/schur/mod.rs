@@ -4,7 +4,7 @@
 //! them are unknowns of its own, the others follow from the `G` common unknowns by the derivatives `B`. The own unknowns
 //! are eliminated first, in the `FRAME` quantities, where it is cheap; `B` then acts on what is left. The Schur complement
 //! couples only points that appear in the same frame. With points ordered by first appearance it has a narrow envelope,
-//! which [`Envelope`] factors without touching zeros. The common unknowns come last.
+//! which the `envelope` module factors without touching zeros. The common unknowns come last.
 
 mod elimination;
 
@@ -235,7 +235,7 @@ impl<const L: usize, const G: usize> System<L, G> {
         for (i, (frame, chol)) in self.frames.iter().zip(&eliminated.frames).enumerate() {
             // What the common unknowns move, then the points.
             let mut moved = SVector::<f64, FRAME>::zeros();
-            for (k, row) in self.pose_rows(i).enumerate() {
+            for (k, row) in self.pose_rows(i).chunks_exact(Self::STRIDE).enumerate() {
                 let span = frame.spans[k / 3].start..frame.spans[k / 3].end.min(G);
                 moved[k] = (row[span.clone()].iter().zip(&common.as_slice()[span]))
                     .map(|(b, c)| b * c)
@@ -268,10 +268,11 @@ impl<const L: usize, const G: usize> System<L, G> {
         })
     }
 
-    /// Rows of `B` of the pose quantities in frame `i` that are not its own unknowns.
-    fn pose_rows(&self, i: usize) -> impl Iterator<Item = &[f64]> {
+    /// Rows of `B` of the pose quantities in frame `i` that are not its own unknowns, one after another.
+    #[inline]
+    fn pose_rows(&self, i: usize) -> &[f64] {
         let length = Self::POSE * Self::STRIDE;
-        self.by_common[i * length..][..length].chunks_exact(Self::STRIDE)
+        &self.by_common[i * length..][..length]
     }
 
     /// Hessian and gradient of the common unknowns with frames and points eliminated: information, in units of the
