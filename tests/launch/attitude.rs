@@ -199,8 +199,10 @@ fn a_state_that_is_published_again_has_the_same_measurements() {
     eventually("states", PATIENCE, || peer.receive("imu", 1).pop());
     let torque = json!({"name": ["wheel_x", "wheel_y", "wheel_z"], "effort": [10.0, 0.0, 0.0]});
     for _ in 0..10 {
+        // Two subscribers: the dynamics node and the recorder.
         peer.does(json!({
             "do": "publish", "topic": "wheel_commands", "type": "sensor_msgs/msg/JointState", "message": torque,
+            "matched": 2,
         }));
         thread::sleep(Duration::from_millis(200));
     }
