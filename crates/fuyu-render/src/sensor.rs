@@ -133,8 +133,9 @@ impl Sensor {
 
 /// A seed from three numbers (finalizer of SplitMix64).
 fn mixed(seed: u64, number: u64, row: u64) -> u64 {
-    let mut h = seed;
-    for part in [number, row] {
+    let mut h: u64 = 0;
+    // The seed on its own first: added to the number, seed 2 would give the frames of seed 1 one number later.
+    for part in [seed, number, row] {
         h = h.wrapping_add(part).wrapping_add(0x9e37_79b9_7f4a_7c15);
         h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         h = (h ^ (h >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
