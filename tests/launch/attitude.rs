@@ -14,7 +14,7 @@ use tempfile::TempDir;
 use crate::{
     joining::peer_with_interfaces,
     lateness::repeat_if_late,
-    observer::{DIAGNOSTICS, diagnosed, fresh},
+    observer::{DIAGNOSTICS, diagnosed, fresh, now, reported},
     peer::{DomainClaim, python},
     process::{Check, Running, fuyu, read, scenario, source},
     waiting::{PATIENCE, eventually},
@@ -197,13 +197,22 @@ fn a_state_that_is_published_again_has_the_same_measurements() {
     let mut peer = peer_with_interfaces("wheels", 215);
     peer.subscribe("imu", "sensor_msgs/msg/Imu", "reliable");
     eventually("states", PATIENCE, || peer.receive("imu", 1).pop());
-    let torque = json!({"name": ["wheel_x", "wheel_y", "wheel_z"], "effort": [10.0, 0.0, 0.0]});
+    peer.subscribe("diagnostics", DIAGNOSTICS, "reliable");
+    let torque = json!({
+        "do": "publish", "topic": "wheel_commands", "type": "sensor_msgs/msg/JointState",
+        "message": {"name": ["wheel_x", "wheel_y", "wheel_z"], "effort": [10.0, 0.0, 0.0]},
+    });
+    let since = now();
+    // The first message of a publisher may come three seconds late (docs/upstream.md).
+    eventually("a torque acts", PATIENCE, || {
+        peer.does(torque.clone());
+        let part = "dynamics: wheels and thrusters";
+        reported(&mut peer, part, since, 0.2, |level, text| {
+            level == 0 && text == "obeying commands"
+        })
+    });
     for _ in 0..10 {
-        // Two subscribers: the dynamics node and the recorder.
-        peer.does(json!({
-            "do": "publish", "topic": "wheel_commands", "type": "sensor_msgs/msg/JointState", "message": torque,
-            "matched": 2,
-        }));
+        peer.does(torque.clone());
         thread::sleep(Duration::from_millis(200));
     }
     launch.interrupt();
