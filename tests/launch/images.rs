@@ -1,9 +1,9 @@
 //! Images as an rclpy node receives them.
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::{
-    observer::{diagnosed, numbers},
+    observer::{diagnosed, now, numbers},
     peer::Peer,
     process::{Running, scenario},
     waiting::{PATIENCE, eventually},
@@ -51,27 +51,33 @@ fn an_rclpy_node_receives_images_with_depth_and_ids_of_the_same_exposure() {
     assert_eq!(pixels.len(), 240 * 60);
     // The sunlit arm, and the dark sky.
     assert!(pixels.iter().any(|x| *x > 100.0) && pixels.iter().any(|x| *x < 10.0));
-    let stamped = |peer: &mut Peer, topic: &str| {
-        let received = peer.receive(topic, 1).pop()?;
-        Some((
-            received["message"]["header"]["stamp"].clone(),
-            received["message"].clone(),
-        ))
-    };
-    let mut depths = Vec::new();
     eventually("depth and ids of one exposure", PATIENCE, || {
-        depths.push(stamped(&mut peer, "camera/depth")?);
-        let (stamp, ids) = stamped(&mut peer, "camera/segmentation")?;
-        let (_, depth) = depths.iter().find(|(other, _)| *other == stamp)?;
-        let (ids, depth) = (data(&ids), data(depth));
-        let of_target = ids.chunks(2).zip(depth.chunks(4));
-        let of_target = of_target.filter(|(id, _)| id[0] == 2.0);
-        let near = of_target.filter(|(_, bytes)| {
-            let bytes: Vec<u8> = bytes.iter().map(|b| *b as u8).collect();
-            let z = f32::from_le_bytes(bytes.try_into().unwrap());
-            (9.0..13.0).contains(&z)
-        });
-        (near.count() > 10).then_some(())
+        // Both from the same time on, so that the same exposures are among them.
+        let since = now();
+        let mut from_then = |topic: &str| -> Vec<Value> {
+            let wait =
+                json!({"do": "wait", "topic": topic, "count": 2, "since": since, "timeout": 5.0});
+            let received = peer.does(wait);
+            let received = received.as_array().expect("a list").iter();
+            received.map(|r| r["message"].clone()).collect()
+        };
+        let (depths, all_ids) = (from_then("camera/depth"), from_then("camera/segmentation"));
+        let is_seen = |ids: &Value| {
+            let stamp = &ids["header"]["stamp"];
+            let Some(depth) = depths.iter().find(|d| d["header"]["stamp"] == *stamp) else {
+                return false;
+            };
+            let (ids, depth) = (data(ids), data(depth));
+            let of_target = ids.chunks(2).zip(depth.chunks(4));
+            let of_target = of_target.filter(|(id, _)| id[0] == 2.0);
+            let near = of_target.filter(|(_, bytes)| {
+                let bytes: Vec<u8> = bytes.iter().map(|b| *b as u8).collect();
+                let z = f32::from_le_bytes(bytes.try_into().unwrap());
+                (9.0..13.0).contains(&z)
+            });
+            near.count() > 10
+        };
+        all_ids.iter().any(is_seen).then_some(())
     });
     let info = peer.receive("camera/right/camera_info", 1)[0]["message"].clone();
     assert_eq!(info["p"][3], -16.0);
