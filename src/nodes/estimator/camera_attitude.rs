@@ -37,7 +37,7 @@ impl CameraAttitude {
     ///
     /// # Errors
     /// A line that names the first frame whose quaternion is not a rotation.
-    pub fn take_frames(&mut self, message: TFMessage) -> Result<(), String> {
+    pub fn take_static_transforms(&mut self, message: TFMessage) -> Result<(), String> {
         self.mounts.take(message)
     }
 

@@ -4,6 +4,7 @@
 //! clouds of points that give the scale of lengths. Batch solutions over a window of frames are computed in a separate thread; a [`MotionTracker`](crate::estimation::MotionTracker)
 //! continues the last solution from frame to frame.
 
+mod batch_schedule;
 mod camera_attitude;
 mod frame_queue;
 mod health;

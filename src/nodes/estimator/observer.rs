@@ -2,6 +2,7 @@
 
 use super::{
     EstimatorParams, Topics,
+    batch_schedule::BatchSchedule,
     camera_attitude::CameraAttitude,
     frame_queue::FrameQueue,
     health,
@@ -26,10 +27,6 @@ use crate::{
 /// Number of frame intervals without a frame after which the motion is extrapolated.
 const MISSED_INTERVALS: f64 = 3.0;
 
-/// Longest time between the starts of two batches because of `solver_share` \[s\]; the filter bridges it. It is also no
-/// longer than the window of the last batch: what a few frames tell is soon corrected.
-const LONGEST_PAUSE: f64 = 10.0;
-
 /// State of the estimator node.
 pub struct Observer {
     params: EstimatorParams,
@@ -45,12 +42,7 @@ pub struct Observer {
     tracks: Tracks,
     ranges: Ranges,
     solver: Solver,
-    /// Time of the newest frame when the last job was submitted \[s\].
-    solved_at: Option<f64>,
-    /// How long the last batch took \[s\], wall time.
-    solve_duration: f64,
-    /// Time that the frames of the last batch span \[s\].
-    solved_span: f64,
+    schedule: BatchSchedule,
     tracker: Option<MotionTracker>,
     /// Stamp of the newest frame \[s\], and its time of arrival.
     newest: Option<(f64, Time)>,
@@ -83,9 +75,7 @@ impl Observer {
             tracks: Tracks::default(),
             ranges: Ranges::default(),
             solver: Solver::start(),
-            solved_at: None,
-            solve_duration: 0.0,
-            solved_span: 0.0,
+            schedule: BatchSchedule::default(),
             tracker: None,
             newest: None,
             interval: 0.0,
@@ -114,7 +104,7 @@ impl Observer {
             }
         }
         while let Some(received) = topics.tf_static.take() {
-            if let Err(problem) = self.attitude.take_frames(received.message) {
+            if let Err(problem) = self.attitude.take_static_transforms(received.message) {
                 let topic = topics.tf_static.topic();
                 self.camera_status.warn(format!("{topic}: {problem}"));
             }
@@ -279,7 +269,7 @@ impl Observer {
         self.tracker = None;
         self.failure = None;
         self.published_at = None;
-        self.solved_at = None;
+        self.schedule.restart();
         self.solver = Solver::start();
         self.motion_status.warn(format!("not estimated yet: {why}"));
         self.reset_reason = Some(why.to_owned());
@@ -349,30 +339,25 @@ impl Observer {
     /// which grows with the time that a batch takes, and once frames have stopped, so that the last batch has them
     /// all.
     pub fn solve(&mut self, now: Time) {
-        let (Some(camera), Some((oldest, newest))) = (self.camera, self.tracks.span()) else {
+        let (Some(camera), Some(span)) = (self.camera, self.tracks.span()) else {
             return;
         };
         let mut period = self.params.batch_period(self.tracker.is_some());
         // The filter bridges a pause only as long as it knows most points.
-        let has_known_points = |tracker: &MotionTracker| {
+        let knows_most_points = |tracker: &MotionTracker| {
             let update = tracker.last_update();
             update.is_none_or(|u| u.used + u.rejected >= u.unknown)
         };
-        if self.tracker.as_ref().is_some_and(has_known_points) {
-            let limited_share = self.solve_duration / self.params.solver_share;
-            period = period.max(limited_share.min(LONGEST_PAUSE).min(self.solved_span));
+        if self.tracker.as_ref().is_some_and(knows_most_points) {
+            period = period.max(self.schedule.pause(self.params.solver_share));
         }
         let stopped = self
             .newest
             .is_some_and(|(_, arrived)| now.since(arrived).as_secs_f64() > RETRY_PERIOD);
-        let due = self
-            .solved_at
-            .is_none_or(|at| newest >= at + period || (stopped && newest > at));
-        if self.solver.is_busy() || !due {
+        if self.solver.is_busy() || !self.schedule.is_due(span.1, period, stopped) {
             return;
         }
-        self.solved_at = Some(newest);
-        self.solved_span = newest - oldest;
+        self.schedule.start(span);
         self.solver.submit(Job {
             method: self.params.method,
             tracks: self.tracks.clone(),
@@ -398,7 +383,7 @@ impl Observer {
             result,
             duration,
         } = solved;
-        self.solve_duration = duration;
+        self.schedule.end(duration);
         let Some((newest, _)) = self.newest else {
             return;
         };
