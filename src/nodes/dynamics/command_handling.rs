@@ -156,8 +156,8 @@ impl CommandHandler {
         let (stamp, time) = (stamp_of(received), Time::from_secs_f64(now));
         let has_efforts = command.has_efforts();
         if !has_efforts {
-            self.responses.record_rates(stamp, time);
-        } else if let Some(delay) = self.responses.record(stamp, time)
+            self.responses.velocity_command_acts(stamp, time);
+        } else if let Some(delay) = self.responses.command_acts(stamp, time)
             && let Some(delays) = &self.delays
         {
             delays.publish(&Float64 {
@@ -345,12 +345,12 @@ impl CommandHandler {
 
     /// The state of the simulated time `now` \[s\] is published and waits for a response.
     pub fn expect_response(&mut self, now: f64) {
-        self.responses.expect(Time::from_secs_f64(now));
+        self.responses.state_published(Time::from_secs_f64(now));
     }
 
     /// The present state was changed: it needs a response again.
     pub fn expect_response_again(&mut self) {
-        self.responses.expect_again();
+        self.responses.state_changed();
     }
 
     /// Whether time may advance in lockstep: the present state has a response, or a motion that is being executed
@@ -361,7 +361,7 @@ impl CommandHandler {
 
     /// Whether the last state has no response yet but is likely to get one.
     pub fn response_is_due(&self) -> bool {
-        self.responses.is_due()
+        self.responses.is_awaiting_response()
     }
 
     /// Number of states without an answer from a commander that answers states.
@@ -377,7 +377,7 @@ impl CommandHandler {
 
     /// The node is deactivated: no publisher holds the robot any more.
     pub fn deactivate(&mut self) {
-        self.responses.expect_again();
+        self.responses.state_changed();
         self.arbiter.release();
     }
 

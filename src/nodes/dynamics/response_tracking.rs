@@ -4,12 +4,13 @@ use std::{collections::VecDeque, time::Duration};
 
 use crate::ros::Time;
 
-/// Number of states that a response may be late by and still count as one.
-const REMEMBERED: usize = 64;
-/// Number of consecutive answered states after which unanswered ones are forgotten.
-const FORGIVEN_AFTER: u32 = 100;
-/// The same if the answers were late: a commander that skips states does not answer this many consecutive states.
-const CONSECUTIVE: u32 = 10;
+/// Most states by which a response may be late; a later one is none.
+const MAX_LATENESS: usize = 64;
+/// Consecutive states answered in time after which earlier unanswered ones no longer count.
+const RESET_AFTER_IN_TIME: u32 = 100;
+/// Consecutive states answered late after which earlier unanswered ones no longer count. A commander that skips states does not
+/// answer so many in succession.
+const RESET_AFTER_LATE: u32 = 10;
 
 /// Counts the states that are answered: a command answers the state whose stamp it carries.
 ///
@@ -34,9 +35,9 @@ pub struct ResponseTracker {
     /// Whether it is only assumed, from a command that carries the stamp of the start, that states are answered.
     is_guess: bool,
     /// Responses to consecutive states, also late ones.
-    consecutive: u32,
+    consecutive_responses: u32,
     /// Consecutive states with a response.
-    in_a_row: u32,
+    consecutive_in_time: u32,
     /// States that were followed by the next one while their response was due.
     unanswered: u64,
     /// The last states of the previous run, before time was reset.
@@ -46,15 +47,15 @@ pub struct ResponseTracker {
 impl Default for ResponseTracker {
     fn default() -> Self {
         Self {
-            states: VecDeque::with_capacity(REMEMBERED),
+            states: VecDeque::with_capacity(MAX_LATENESS),
             newest: None,
             delay: Duration::ZERO,
             is_answered: false,
             responses: 0,
             needed: 1,
             is_guess: false,
-            consecutive: 0,
-            in_a_row: 0,
+            consecutive_responses: 0,
+            consecutive_in_time: 0,
             unanswered: 0,
             previous_run: Vec::new(),
         }
@@ -62,31 +63,31 @@ impl Default for ResponseTracker {
 }
 
 impl ResponseTracker {
-    /// A new state is published. A response that is still due counts as missing.
-    pub fn expect(&mut self, state: Time) {
-        if self.is_due() {
+    /// A new state of this stamp is published. A response that is still due counts as missing.
+    pub fn state_published(&mut self, stamp: Time) {
+        if self.is_awaiting_response() {
             self.responses = 0;
             if !std::mem::take(&mut self.is_guess) {
                 self.needed = self.needed.saturating_mul(2);
                 self.unanswered += 1;
             }
         }
-        self.in_a_row = match self.newest_has_response() {
-            true => self.in_a_row + 1,
+        self.consecutive_in_time = match self.newest_has_response() {
+            true => self.consecutive_in_time + 1,
             false => 0,
         };
-        if self.in_a_row == FORGIVEN_AFTER {
-            (self.in_a_row, self.needed) = (0, 1);
+        if self.consecutive_in_time == RESET_AFTER_IN_TIME {
+            (self.consecutive_in_time, self.needed) = (0, 1);
         }
-        if self.states.len() == REMEMBERED {
+        if self.states.len() == MAX_LATENESS {
             self.states.pop_front();
         }
-        self.states.push_back(state);
+        self.states.push_back(stamp);
         self.is_answered = false;
     }
 
     /// The present state was changed: it needs a response again.
-    pub fn expect_again(&mut self) {
+    pub fn state_changed(&mut self) {
         self.is_answered = false;
     }
 
@@ -94,7 +95,7 @@ impl ResponseTracker {
     pub fn restart(&mut self) {
         let mut previous_run = std::mem::take(&mut self.previous_run);
         previous_run.extend(&self.states);
-        previous_run.drain(..previous_run.len().saturating_sub(REMEMBERED));
+        previous_run.drain(..previous_run.len().saturating_sub(MAX_LATENESS));
         *self = Self {
             previous_run,
             ..Self::default()
@@ -103,45 +104,46 @@ impl ResponseTracker {
 
     /// Whether a command with this stamp, received at `now`, answers a state of the previous run. The stamps of a
     /// commander that does not answer states hardly ever equal such a state's.
-    pub fn is_of_previous_run(&self, command: Time, now: Time) -> bool {
-        command > now && self.previous_run.contains(&command)
+    pub fn is_of_previous_run(&self, command_stamp: Time, now: Time) -> bool {
+        command_stamp > now && self.previous_run.contains(&command_stamp)
     }
 
     /// A command with this stamp acts from `now` on. Returns how long after its state that is, if it is the first response to
     /// a state that was published while time advanced.
-    pub fn record(&mut self, command: Time, now: Time) -> Option<Duration> {
+    pub fn command_acts(&mut self, command_stamp: Time, now: Time) -> Option<Duration> {
         let mut delay = None;
-        if self.states.is_empty() && command == now {
+        if self.states.is_empty() && command_stamp == now {
             // On a slow network many states would pass before the first answer to one of them arrives.
             self.responses = self.needed;
             self.is_guess = true;
-        } else if self.states.contains(&command)
-            && self.newest.is_none_or(|newest| command > newest)
+        } else if self.states.contains(&command_stamp)
+            && self.newest.is_none_or(|newest| command_stamp > newest)
         {
             self.is_guess = false;
-            let follows = |pair: (&Time, &Time)| Some(*pair.0) == self.newest && *pair.1 == command;
+            let follows =
+                |pair: (&Time, &Time)| Some(*pair.0) == self.newest && *pair.1 == command_stamp;
             let mut pairs = self.states.iter().zip(self.states.iter().skip(1));
-            self.consecutive = match pairs.any(follows) {
-                true => self.consecutive + 1,
+            self.consecutive_responses = match pairs.any(follows) {
+                true => self.consecutive_responses + 1,
                 false => 0,
             };
-            if self.consecutive == CONSECUTIVE {
-                (self.consecutive, self.needed) = (0, 1);
+            if self.consecutive_responses == RESET_AFTER_LATE {
+                (self.consecutive_responses, self.needed) = (0, 1);
             }
-            self.newest = Some(command);
-            self.delay = now.since(command);
+            self.newest = Some(command_stamp);
+            self.delay = now.since(command_stamp);
             delay = Some(self.delay);
             self.responses = self.responses.saturating_add(1);
         }
-        self.is_answered = command == now;
+        self.is_answered = command_stamp == now;
         delay
     }
 
-    /// A command of rates with this stamp acts from `now` on. No response is due after it: the servo in the drives, not the
-    /// commander, keeps the motion stable, and an operator commands at any rate.
-    pub fn record_rates(&mut self, command: Time, now: Time) {
+    /// A velocity command with this stamp acts from `now` on. No response is due after it: the servo in the drives, not the
+    /// commander, keeps the motion stable, and an operator sends commands at any frequency.
+    pub fn velocity_command_acts(&mut self, command_stamp: Time, now: Time) {
         self.responses = 0;
-        self.is_answered = command == now;
+        self.is_answered = command_stamp == now;
     }
 
     /// How long after its state the last response acted, in simulated time.
@@ -160,7 +162,7 @@ impl ResponseTracker {
     }
 
     /// Whether the last state has no response yet but is likely to get one.
-    pub fn is_due(&self) -> bool {
+    pub fn is_awaiting_response(&self) -> bool {
         !self.newest_has_response() && self.responses >= self.needed
     }
 
@@ -178,26 +180,26 @@ mod tests {
     }
 
     fn record(tracker: &mut ResponseTracker, i: u32) {
-        tracker.record(state(i), state(i));
+        tracker.command_acts(state(i), state(i));
     }
 
     #[test]
     fn a_commander_that_has_answered_is_waited_for_even_if_late() {
         let mut tracker = ResponseTracker::default();
         for i in 0..5 {
-            tracker.expect(state(i));
-            assert!(!tracker.is_due(), "there was no response yet");
+            tracker.state_published(state(i));
+            assert!(!tracker.is_awaiting_response(), "there was no response yet");
         }
         record(&mut tracker, 1);
-        assert!(tracker.is_due());
+        assert!(tracker.is_awaiting_response());
         record(&mut tracker, 1);
         record(&mut tracker, 3);
-        assert!(tracker.is_due());
+        assert!(tracker.is_awaiting_response());
         record(&mut tracker, 4);
-        assert!(!tracker.is_due());
-        tracker.expect(state(5));
-        assert!(tracker.is_due());
-        tracker.expect(state(6));
+        assert!(!tracker.is_awaiting_response());
+        tracker.state_published(state(5));
+        assert!(tracker.is_awaiting_response());
+        tracker.state_published(state(6));
         assert_eq!(tracker.unanswered(), 1);
     }
 
@@ -205,11 +207,11 @@ mod tests {
     fn waits_in_vain(every: u32) -> usize {
         let mut tracker = ResponseTracker::default();
         let waits = (0..1000).filter(|&i| {
-            tracker.expect(state(i));
+            tracker.state_published(state(i));
             if i % every == 0 {
                 record(&mut tracker, i);
             }
-            tracker.is_due()
+            tracker.is_awaiting_response()
         });
         waits.count()
     }
@@ -223,18 +225,18 @@ mod tests {
 
     // Would break if time waited for an operator, whose commands carry the stamps of some states.
     #[test]
-    fn commands_of_rates_are_not_waited_for_at_any_rate() {
+    fn velocity_commands_are_not_waited_for() {
         for every in [1, 2, 3, 5, 10] {
             let mut tracker = ResponseTracker::default();
-            tracker.expect(state(0));
+            tracker.state_published(state(0));
             record(&mut tracker, 0);
-            tracker.record_rates(state(0), state(0));
+            tracker.velocity_command_acts(state(0), state(0));
             for i in 1..1000 {
-                tracker.expect(state(i));
+                tracker.state_published(state(i));
                 if i % every == 0 {
-                    tracker.record_rates(state(i), state(i));
+                    tracker.velocity_command_acts(state(i), state(i));
                 }
-                assert!(!tracker.is_due());
+                assert!(!tracker.is_awaiting_response());
             }
             assert_eq!(tracker.unanswered(), 0);
         }
@@ -246,7 +248,7 @@ mod tests {
         let mut i = 0;
         let mut answer = |tracker: &mut ResponseTracker, count: u32, every: u32| {
             for _ in 0..count {
-                tracker.expect(state(i));
+                tracker.state_published(state(i));
                 if i % every == 0 {
                     record(tracker, i);
                 }
@@ -255,7 +257,7 @@ mod tests {
         };
         answer(&mut tracker, 400, 2);
         assert!(tracker.needed > 64);
-        answer(&mut tracker, 2 * FORGIVEN_AFTER, 1);
+        answer(&mut tracker, 2 * RESET_AFTER_IN_TIME, 1);
         assert_eq!(tracker.needed, 1);
     }
 
@@ -264,7 +266,7 @@ mod tests {
     fn responses_to_the_previous_run_are_recognised() {
         let mut tracker = ResponseTracker::default();
         for i in 0..300 {
-            tracker.expect(state(i));
+            tracker.state_published(state(i));
         }
         assert!(!tracker.is_of_previous_run(state(299), state(0)));
         tracker.restart();
@@ -272,10 +274,10 @@ mod tests {
         assert!(tracker.is_of_previous_run(state(299), state(0)));
         assert!(!tracker.is_of_previous_run(state(300), state(0)));
         assert!(!tracker.is_of_previous_run(state(299), state(299)));
-        tracker.expect(state(0));
+        tracker.state_published(state(0));
         record(&mut tracker, 0);
-        tracker.expect(state(1));
-        assert!(tracker.is_due());
+        tracker.state_published(state(1));
+        assert!(tracker.is_awaiting_response());
     }
 
     // Would break if the first states were simulated before the first answer over a slow network can arrive, or if a commander
@@ -284,18 +286,18 @@ mod tests {
     fn the_state_after_the_start_is_waited_for() {
         let mut tracker = ResponseTracker::default();
         record(&mut tracker, 0);
-        tracker.expect(state(1));
-        assert!(tracker.is_due());
+        tracker.state_published(state(1));
+        assert!(tracker.is_awaiting_response());
         record(&mut tracker, 1);
-        tracker.expect(state(2));
-        assert!(tracker.is_due());
+        tracker.state_published(state(2));
+        assert!(tracker.is_awaiting_response());
 
         let mut tracker = ResponseTracker::default();
         record(&mut tracker, 0);
         for i in 1..100 {
-            tracker.expect(state(i));
-            assert_eq!(tracker.is_due(), i == 1);
-            tracker.record(state(0), state(i));
+            tracker.state_published(state(i));
+            assert_eq!(tracker.is_awaiting_response(), i == 1);
+            tracker.command_acts(state(0), state(i));
         }
         assert_eq!(tracker.unanswered(), 0);
     }
@@ -305,19 +307,19 @@ mod tests {
     fn late_answers_to_consecutive_states_are_waited_for_again() {
         let mut tracker = ResponseTracker::default();
         for i in 0..4 {
-            tracker.expect(state(i));
+            tracker.state_published(state(i));
             record(&mut tracker, i);
         }
         for i in 4..10 {
-            tracker.expect(state(i));
+            tracker.state_published(state(i));
         }
         assert!(tracker.unanswered() > 0 && tracker.needed > 1);
         for i in 10..21 {
-            tracker.expect(state(i));
-            tracker.record(state(i - 5), state(i));
+            tracker.state_published(state(i));
+            tracker.command_acts(state(i - 5), state(i));
         }
         assert_eq!(tracker.needed, 1);
-        assert!(tracker.is_due());
+        assert!(tracker.is_awaiting_response());
     }
 
     #[test]
@@ -325,11 +327,11 @@ mod tests {
         let mut tracker = ResponseTracker::default();
         assert_eq!(tracker.delay(), Duration::ZERO);
         for i in 0..5 {
-            tracker.expect(state(i));
+            tracker.state_published(state(i));
         }
-        let delay = tracker.record(state(1), state(4));
+        let delay = tracker.command_acts(state(1), state(4));
         assert_eq!(delay, Some(Duration::from_millis(30)));
-        assert_eq!(tracker.record(state(1), state(4)), None);
+        assert_eq!(tracker.command_acts(state(1), state(4)), None);
         assert_eq!(tracker.delay(), Duration::from_millis(30));
         record(&mut tracker, 4);
         assert_eq!(tracker.delay(), Duration::ZERO);
@@ -339,9 +341,9 @@ mod tests {
     fn a_stamp_of_no_state_is_no_response() {
         let mut tracker = ResponseTracker::default();
         for i in 1..100 {
-            tracker.expect(state(i));
-            tracker.record(Time::ZERO, state(i));
-            assert!(!tracker.is_due() && !tracker.is_answered());
+            tracker.state_published(state(i));
+            tracker.command_acts(Time::ZERO, state(i));
+            assert!(!tracker.is_awaiting_response() && !tracker.is_answered());
         }
     }
 
@@ -352,13 +354,13 @@ mod tests {
         // The state at the start is not expected, and may be answered.
         record(&mut tracker, 0);
         assert!(tracker.is_answered());
-        tracker.expect_again();
+        tracker.state_changed();
         assert!(!tracker.is_answered());
         record(&mut tracker, 0);
         assert!(tracker.is_answered());
-        tracker.expect(state(1));
+        tracker.state_published(state(1));
         assert!(!tracker.is_answered());
-        tracker.record(state(0), state(1));
+        tracker.command_acts(state(0), state(1));
         assert!(!tracker.is_answered());
     }
 }

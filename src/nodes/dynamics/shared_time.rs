@@ -19,7 +19,7 @@ use crate::{
 const STANDS_STILL: Duration = Duration::from_secs(1);
 
 /// Most publishers of `/clock` that are reported for not being of the owner of the time.
-const MOST_STRANGERS: usize = 16;
+const MOST_OTHER_PUBLISHERS: usize = 16;
 
 /// Role of a node for the time of the world.
 pub enum SharedTime {
@@ -30,9 +30,9 @@ pub enum SharedTime {
         /// The other robots.
         followers: Vec<Follower>,
         /// Silence of a robot after which it is not waited for in real time.
-        patience: Duration,
+        follower_timeout: Duration,
         /// Its own states.
-        ticks: Ticks,
+        stamps: LastStamps,
     },
     /// The time is that of `/clock`.
     Follower(LeaderClock),
@@ -45,24 +45,26 @@ pub struct Follower {
 }
 
 impl Follower {
-    /// Whether it was silent for less than `patience`.
-    fn is_alive(&self, patience: Duration) -> bool {
-        self.odometry.age().is_some_and(|age| age < patience)
+    /// Whether it was silent for less than `follower_timeout`.
+    fn is_alive(&self, follower_timeout: Duration) -> bool {
+        self.odometry
+            .age()
+            .is_some_and(|age| age < follower_timeout)
     }
 }
 
 /// Stamps of the last two states of the owner of the time; both are zero before the second one.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Ticks {
-    before: Time,
-    now: Time,
+pub struct LastStamps {
+    previous: Time,
+    current: Time,
 }
 
-impl Ticks {
+impl LastStamps {
     /// The state of `stamp` is published, perhaps again.
     fn publish(&mut self, stamp: Time) {
-        if stamp != self.now {
-            (self.before, self.now) = (self.now, stamp);
+        if stamp != self.current {
+            (self.previous, self.current) = (self.current, stamp);
         }
     }
 }
@@ -78,27 +80,27 @@ struct Progress {
 
 impl Progress {
     /// Its state of `stamp` has arrived.
-    fn see(&mut self, stamp: Time, ticks: Ticks) {
+    fn see(&mut self, stamp: Time, stamps: LastStamps) {
         // A robot does not pass the owner of the time: this state is of the run before a reset.
-        if stamp <= ticks.now {
+        if stamp <= stamps.current {
             self.last = Some(stamp);
             self.has_advanced |= stamp > Time::ZERO;
         }
     }
 
     /// Whether its state of the last tick has not arrived.
-    fn is_behind(&self, ticks: Ticks) -> bool {
-        self.last != Some(ticks.now)
+    fn is_behind(&self, stamps: LastStamps) -> bool {
+        self.last != Some(stamps.current)
     }
 
-    /// Whether it has kept up until the tick before the last one.
-    fn is_due(&self, ticks: Ticks) -> bool {
-        self.is_behind(ticks) && self.last == Some(ticks.before)
+    /// Whether it has kept up until the tick before the last one, but its state of the last tick has not arrived.
+    fn has_just_fallen_behind(&self, stamps: LastStamps) -> bool {
+        self.is_behind(stamps) && self.last == Some(stamps.previous)
     }
 
     /// Whether time may go on from the last tick, as far as the start is concerned.
-    fn is_ready(&self, ticks: Ticks) -> bool {
-        self.last.is_some() && (self.has_advanced || ticks.now == Time::ZERO)
+    fn is_ready(&self, stamps: LastStamps) -> bool {
+        self.last.is_some() && (self.has_advanced || stamps.current == Time::ZERO)
     }
 }
 
@@ -111,7 +113,7 @@ pub struct LeaderClock {
     /// Its publisher, once it is known.
     publisher: Option<Gid>,
     /// Other publishers, which have been reported.
-    strangers: Vec<Gid>,
+    other_publishers: Vec<Gid>,
     /// The time that it shows, and since when.
     now: Option<(Time, Instant)>,
 }
@@ -126,7 +128,7 @@ impl LeaderClock {
             clock,
             leader: leader.to_owned(),
             publisher: None,
-            strangers: Vec::new(),
+            other_publishers: Vec::new(),
             now: None,
         })
     }
@@ -149,7 +151,7 @@ impl LeaderClock {
         if self.publisher == Some(publisher) {
             return true;
         }
-        if self.strangers.contains(&publisher) {
+        if self.other_publishers.contains(&publisher) {
             return false;
         }
         let Some(name) = self.node.node_of(publisher) else {
@@ -158,9 +160,9 @@ impl LeaderClock {
         let is_of_leader = is_in_namespace(&name, &self.leader);
         match is_of_leader {
             true => self.publisher = Some(publisher),
-            false if self.strangers.len() == MOST_STRANGERS => {}
+            false if self.other_publishers.len() == MOST_OTHER_PUBLISHERS => {}
             false => {
-                self.strangers.push(publisher);
+                self.other_publishers.push(publisher);
                 tracing::warn!(
                     "/clock: ignoring the time of node {name}: `robots` names {} first, whose dynamics node alone should publish it",
                     self.leader
@@ -211,8 +213,8 @@ impl SharedTime {
         });
         Ok(Self::Leader {
             followers: followers.collect::<Result<_, NodeError>>()?,
-            patience: Duration::from_secs_f64(params.answer_timeout),
-            ticks: Ticks::default(),
+            follower_timeout: Duration::from_secs_f64(params.answer_timeout),
+            stamps: LastStamps::default(),
         })
     }
 
@@ -221,12 +223,12 @@ impl SharedTime {
         match self {
             Self::Alone => {}
             Self::Leader {
-                followers, ticks, ..
+                followers, stamps, ..
             } => {
                 for follower in followers {
                     if let Some(received) = follower.odometry.latest() {
                         let stamp = Time::from(&received.message.header.stamp);
-                        follower.progress.see(stamp, *ticks);
+                        follower.progress.see(stamp, *stamps);
                     }
                 }
             }
@@ -236,18 +238,18 @@ impl SharedTime {
 
     /// The state of `time` \[s\] is published.
     pub fn published(&mut self, time: f64) {
-        if let Self::Leader { ticks, .. } = self {
-            ticks.publish(Time::from_secs_f64(time));
+        if let Self::Leader { stamps, .. } = self {
+            stamps.publish(Time::from_secs_f64(time));
         }
     }
 
     /// Time or state is reset: what other robots have published belongs to the previous run.
     pub fn restart(&mut self) {
         if let Self::Leader {
-            followers, ticks, ..
+            followers, stamps, ..
         } = self
         {
-            *ticks = Ticks::default();
+            *stamps = LastStamps::default();
             for follower in followers {
                 follower.progress = Progress::default();
             }
@@ -272,8 +274,8 @@ impl SharedTime {
         }
     }
 
-    /// Why the node cannot decide about time, if another one does.
-    pub fn owner(&self) -> Option<String> {
+    /// Why the node refuses to step, pause or reset the simulation, if another one owns the time.
+    pub fn refusal(&self) -> Option<String> {
         self.leader().map(|leader| {
             format!(
                 "time belongs to the dynamics node of the robot {leader}, which `robots` names first; ask that one"
@@ -317,13 +319,14 @@ impl SharedTime {
         }
     }
 
-    /// Whether the next state, at `time` \[s\], may be simulated, as far as the other robots are concerned.
+    /// Whether the next state, at `time` \[s\], may be simulated, as far as the other robots are concerned: the owner of the time
+    /// waits for their states of the last tick, the others for `/clock` to show `time`.
     pub fn may_reach(&self, time: f64) -> bool {
         match self {
             Self::Alone => true,
             Self::Leader {
-                followers, ticks, ..
-            } => !followers.iter().any(|f| f.progress.is_behind(*ticks)),
+                followers, stamps, ..
+            } => !followers.iter().any(|f| f.progress.is_behind(*stamps)),
             Self::Follower(clock) => {
                 (clock.time()).is_some_and(|now| now >= Time::from_secs_f64(time))
             }
@@ -331,15 +334,15 @@ impl SharedTime {
     }
 
     /// Whether a robot that is alive and has kept up so far has not published its state of the last tick yet.
-    pub fn is_due(&self) -> bool {
+    pub fn is_awaiting_follower(&self) -> bool {
         match self {
             Self::Leader {
                 followers,
-                patience,
-                ticks,
-            } => followers
-                .iter()
-                .any(|f| f.is_alive(*patience) && f.progress.is_due(*ticks)),
+                follower_timeout,
+                stamps,
+            } => followers.iter().any(|f| {
+                f.is_alive(*follower_timeout) && f.progress.has_just_fallen_behind(*stamps)
+            }),
             _ => false,
         }
     }
@@ -348,8 +351,8 @@ impl SharedTime {
     pub fn is_complete(&self) -> bool {
         match self {
             Self::Leader {
-                followers, ticks, ..
-            } => followers.iter().all(|f| f.progress.is_ready(*ticks)),
+                followers, stamps, ..
+            } => followers.iter().all(|f| f.progress.is_ready(*stamps)),
             _ => true,
         }
     }
@@ -359,11 +362,11 @@ impl SharedTime {
         match self {
             Self::Alone => String::new(),
             Self::Leader {
-                followers, ticks, ..
+                followers, stamps, ..
             } => {
-                let behind = followers.iter().filter(|f| f.progress.is_behind(*ticks));
+                let behind = followers.iter().filter(|f| f.progress.is_behind(*stamps));
                 let behind: Vec<_> = behind.map(|f| f.odometry.topic()).collect();
-                let (tick, behind) = (ticks.now, behind.join(", "));
+                let (tick, behind) = (stamps.current, behind.join(", "));
                 match self.is_complete() || tick == Time::ZERO {
                     true => format!("the state of {tick} s on {behind}"),
                     false => format!(
@@ -392,42 +395,42 @@ mod tests {
         Time::from_secs_f64(0.01 * f64::from(i))
     }
 
-    fn ticks(last: u32) -> Ticks {
-        let mut ticks = Ticks::default();
+    fn stamps(last: u32) -> LastStamps {
+        let mut stamps = LastStamps::default();
         for i in 0..=last {
-            ticks.publish(at(i));
-            ticks.publish(at(i));
+            stamps.publish(at(i));
+            stamps.publish(at(i));
         }
-        ticks
+        stamps
     }
 
     // Would break if time went on while a robot with start_on_command still waits for its first command.
     #[test]
     fn time_leaves_the_first_tick_with_all_robots() {
         let mut robot = Progress::default();
-        assert!(!robot.is_ready(ticks(0)), "it was not seen yet");
-        robot.see(at(0), ticks(0));
-        assert!(robot.is_ready(ticks(0)));
-        assert!(!robot.is_ready(ticks(1)), "it is held");
-        robot.see(at(0), ticks(1));
-        assert!(!robot.is_ready(ticks(1)), "it is still held");
-        robot.see(at(1), ticks(1));
-        assert!(robot.is_ready(ticks(1)) && robot.is_ready(ticks(2)));
+        assert!(!robot.is_ready(stamps(0)), "it was not seen yet");
+        robot.see(at(0), stamps(0));
+        assert!(robot.is_ready(stamps(0)));
+        assert!(!robot.is_ready(stamps(1)), "it is held");
+        robot.see(at(0), stamps(1));
+        assert!(!robot.is_ready(stamps(1)), "it is still held");
+        robot.see(at(1), stamps(1));
+        assert!(robot.is_ready(stamps(1)) && robot.is_ready(stamps(2)));
         // A process that begins again while time goes on does not hold it up.
-        robot.see(at(0), ticks(50));
-        assert!(robot.is_ready(ticks(50)) && !robot.is_due(ticks(50)));
+        robot.see(at(0), stamps(50));
+        assert!(robot.is_ready(stamps(50)) && !robot.has_just_fallen_behind(stamps(50)));
     }
 
     // Would break if the time crawled while a robot catches up, one answer_timeout for each state.
     #[test]
     fn only_robots_that_keep_up_are_waited_for_in_real_time() {
         let mut robot = Progress::default();
-        robot.see(at(4), ticks(4));
-        assert!(!robot.is_due(ticks(4)), "it is there");
-        assert!(robot.is_due(ticks(5)) && robot.is_behind(ticks(5)));
-        assert!(!robot.is_due(ticks(6)) && robot.is_behind(ticks(6)));
-        robot.see(at(6), ticks(6));
-        assert!(robot.is_due(ticks(7)));
+        robot.see(at(4), stamps(4));
+        assert!(!robot.has_just_fallen_behind(stamps(4)), "it is there");
+        assert!(robot.has_just_fallen_behind(stamps(5)) && robot.is_behind(stamps(5)));
+        assert!(!robot.has_just_fallen_behind(stamps(6)) && robot.is_behind(stamps(6)));
+        robot.see(at(6), stamps(6));
+        assert!(robot.has_just_fallen_behind(stamps(7)));
     }
 
     // Would break if a state that was on its way during a reset counted as one of the new run: a stalled robot would then
@@ -435,10 +438,10 @@ mod tests {
     #[test]
     fn states_of_the_run_before_a_reset_do_not_count() {
         let mut robot = Progress::default();
-        robot.see(at(30), ticks(0));
-        assert!(!robot.is_ready(ticks(0)) && robot.is_behind(ticks(0)));
-        robot.see(at(0), ticks(0));
-        assert!(robot.is_ready(ticks(0)) && !robot.is_ready(ticks(1)));
+        robot.see(at(30), stamps(0));
+        assert!(!robot.is_ready(stamps(0)) && robot.is_behind(stamps(0)));
+        robot.see(at(0), stamps(0));
+        assert!(robot.is_ready(stamps(0)) && !robot.is_ready(stamps(1)));
     }
 
     #[test]

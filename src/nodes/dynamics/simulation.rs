@@ -70,8 +70,8 @@ impl<'a> Simulation<'a> {
         log_world(params, &world);
         let shared_time = SharedTime::new(node, params)?;
         let mut clock = SimulationClock::new(params);
-        if let Some(owner) = shared_time.owner() {
-            tracing::info!("{owner}");
+        if let Some(refusal) = shared_time.refusal() {
+            tracing::info!("{refusal}");
             clock.set_phase(Phase::Playing);
         }
         Ok(Self {
@@ -451,7 +451,7 @@ impl<'a> Simulation<'a> {
             });
             let now = Instant::now();
             let response_is_due = self.commands.response_is_due();
-            let robot_is_due = self.shared_time.is_due();
+            let robot_is_due = self.shared_time.is_awaiting_follower();
             let end = match now >= due && (response_is_due || robot_is_due) {
                 true => latest,
                 false => due,

@@ -187,8 +187,8 @@ impl Imager {
         for (k, ((spec, camera), motion)) in cameras.zip(&shot.cameras).enumerate() {
             let mut sides = vec![(Side::Left, *motion)];
             if spec.baseline > 0.0 {
-                let beside = Isometry3::translation(spec.baseline, 0.0, 0.0);
-                sides.push((Side::Right, motion.of_part(&beside)));
+                let right_eye = Isometry3::translation(spec.baseline, 0.0, 0.0);
+                sides.push((Side::Right, motion.of_part(&right_eye)));
             }
             for (side, motion) in sides {
                 let number = 2 * (shot.number * self.first.len() as u64 + k as u64);

@@ -178,9 +178,9 @@ fn check_active(simulation: &Simulation) -> Result<(), Outcome> {
 
 /// Outcome for a call that changes time: an error if the time of the world is that of another node.
 fn check_owns_time(simulation: &Simulation) -> Result<(), Outcome> {
-    match simulation.shared_time.owner() {
+    match simulation.shared_time.refusal() {
         None => Ok(()),
-        Some(owner) => Err(Outcome::new(Outcome::INCORRECT_STATE, owner)),
+        Some(refusal) => Err(Outcome::new(Outcome::INCORRECT_STATE, refusal)),
     }
 }
 

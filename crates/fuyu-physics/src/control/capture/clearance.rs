@@ -267,10 +267,10 @@ mod tests {
     // The slider's own link has no length: without its stroke nothing would be near the target.
     #[test]
     fn the_stroke_of_a_slider_is_covered() {
-        let beside = Vector3::new(3.0, 0.0, 11.0);
-        let left = branched_at(&[("j_s1", 5.0)], &beside).keep_out;
+        let at_the_side = Vector3::new(3.0, 0.0, 11.0);
+        let left = branched_at(&[("j_s1", 5.0)], &at_the_side).keep_out;
         assert!((left - (3.0 - 0.9 - 0.12)).abs() < 1e-9, "{left}");
-        let left = branched_at(&[("j_s1", 0.0)], &beside).keep_out;
+        let left = branched_at(&[("j_s1", 0.0)], &at_the_side).keep_out;
         assert!(
             (left - (13.0_f64.sqrt() - 0.9 - 0.12)).abs() < 1e-9,
             "{left}"

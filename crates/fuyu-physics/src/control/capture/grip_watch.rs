@@ -31,7 +31,7 @@ impl GripWatch {
         }
     }
 
-    /// Begins anew: the gripper is to close, or has opened.
+    /// Starts over: the gripper is to close, or has opened.
     pub fn restart(&mut self) {
         self.still_since = None;
         self.holds = None;

@@ -14,7 +14,7 @@ pub use stamp_pairs::StampPairs;
 
 use joint_states::{JointSample, JointStates};
 use nalgebra::{DVector, Vector3};
-use newest::{Horizon, Newest};
+use newest::{FutureLimit, Newest};
 
 use super::effort_delay_compensation::DelayCompensation;
 use super::prediction::Prediction;
@@ -77,7 +77,7 @@ pub struct ControlLoopConfig {
 pub struct ControlLoop {
     controller: Controller,
     config: ControlLoopConfig,
-    horizon: Horizon,
+    future_limit: FutureLimit,
     joint_states: JointStates,
     tips: Vec<TipInput>,
     /// Measurements of the second and further tips in this step.
@@ -115,7 +115,7 @@ impl ControlLoop {
     pub fn new(controller: Controller, config: ControlLoopConfig) -> Self {
         let (joints, tips) = (controller.model().dof(), controller.tip_count());
         let mut control_loop = Self {
-            horizon: Horizon {
+            future_limit: FutureLimit {
                 newest: None,
                 timeout: config.timeout,
             },
@@ -130,13 +130,13 @@ impl ControlLoop {
             controller,
             config,
         };
-        control_loop.predict_tips();
+        control_loop.predict_if_delays_are_compensated();
         control_loop
     }
 
-    /// Where delays are compensated, the motion of tip and base since the exposure is always added: the law of a predicted state
-    /// needs them for the same time.
-    fn predict_tips(&mut self) {
+    /// Where delays are compensated, the law uses a predicted joint state. So tip and base must be predicted to the same time, even
+    /// if the configuration asks for no prediction.
+    fn predict_if_delays_are_compensated(&mut self) {
         let has_none = self.controller.config().prediction == Prediction::None;
         if self.config.compensates_delay && has_none {
             self.controller.set_prediction(Prediction::Latency);
@@ -159,7 +159,7 @@ impl ControlLoop {
     /// [`ConfigError`] when they do not fit the robot; nothing has changed then.
     pub fn set_controller_config(&mut self, config: ControllerConfig) -> Result<(), ConfigError> {
         self.controller.set_config(config)?;
-        self.predict_tips();
+        self.predict_if_delays_are_compensated();
         if let Some(compensation) = &mut self.delay_compensation {
             compensation.controller_changes();
         }
@@ -190,15 +190,15 @@ impl ControlLoop {
             }
             finite(what, values)?;
         }
-        if self.horizon.newest.is_some_and(|last| stamp < last) {
+        if self.future_limit.newest.is_some_and(|last| stamp < last) {
             self.restart();
         }
-        self.horizon.newest = Some(stamp);
+        self.future_limit.newest = Some(stamp);
         for tip in &mut self.tips {
-            tip.measurement.drop_ahead(&self.horizon);
+            tip.measurement.drop_ahead(&self.future_limit);
         }
-        self.gyro.drop_ahead(&self.horizon);
-        self.goal_rate.drop_ahead(&self.horizon);
+        self.gyro.drop_ahead(&self.future_limit);
+        self.goal_rate.drop_ahead(&self.future_limit);
         self.joint_states.push(stamp, q, qd);
         Ok(())
     }
@@ -236,7 +236,7 @@ impl ControlLoop {
     /// [`InputError`] says why the sample is refused.
     pub fn add_gyro(&mut self, stamp: Stamp, w_WB_B: Vector3<f64>) -> Result<(), InputError> {
         finite("angular_velocity", w_WB_B.as_slice())?;
-        self.horizon.check(stamp)?;
+        self.future_limit.check(stamp)?;
         self.gyro.offer(stamp, w_WB_B);
         Ok(())
     }
@@ -248,7 +248,7 @@ impl ControlLoop {
     /// [`InputError`] says why the sample is refused.
     pub fn add_goal_rate(&mut self, stamp: Stamp, w_WD_B: Vector3<f64>) -> Result<(), InputError> {
         finite("the goal's angular velocity", w_WD_B.as_slice())?;
-        self.horizon.check(stamp)?;
+        self.future_limit.check(stamp)?;
         let rate = GoalRate {
             time: stamp.as_secs_f64(),
             w_ID_B: w_WD_B,
@@ -257,8 +257,8 @@ impl ControlLoop {
         Ok(())
     }
 
-    /// Adds how long after the joint state that they answered efforts of this loop have acted \[s\]. Ignored if delays are not
-    /// compensated.
+    /// Adds a measured delay of a command \[s\]: from the stamp of a joint state to the time from which the efforts computed from it
+    /// acted. Ignored if delays are not compensated.
     ///
     /// # Errors
     /// [`InputError`] when it is negative or not finite.
@@ -285,7 +285,7 @@ impl ControlLoop {
         self.tips.iter_mut().for_each(TipInput::clear);
         self.gyro.clear();
         self.goal_rate.clear();
-        self.horizon.newest = None;
+        self.future_limit.newest = None;
         if let Some(compensation) = &mut self.delay_compensation {
             compensation.restart();
         }
@@ -391,7 +391,7 @@ impl ControlLoop {
     ) -> Result<&mut TipInput, InputError> {
         finite(what, pose.translation.vector.as_slice())?;
         finite(what, pose.rotation.matrix().as_slice())?;
-        self.horizon.check(stamp)?;
+        self.future_limit.check(stamp)?;
         let tips = self.tips.len();
         (self.tips.get_mut(tip)).ok_or(InputError::NoSuchTip { tip, tips })
     }

@@ -42,9 +42,9 @@ impl<T> Newest<T> {
     }
 
     /// Drops the sample if it is stamped too far ahead.
-    pub fn drop_ahead(&mut self, horizon: &Horizon) {
+    pub fn drop_ahead(&mut self, limit: &FutureLimit) {
         if let Some(stamp) = self.stamp()
-            && horizon.check(stamp).is_err()
+            && limit.check(stamp).is_err()
         {
             self.clear();
         }
@@ -58,14 +58,14 @@ impl<T> Newest<T> {
 /// The latest stamp that is accepted: a sample may overtake its joint state, but one that is stamped much later belongs
 /// to another run or another clock.
 #[derive(Debug)]
-pub(super) struct Horizon {
+pub(super) struct FutureLimit {
     /// Stamp of the newest joint state.
     pub newest: Option<Stamp>,
     /// How far ahead of it samples may be \[s\].
     pub timeout: f64,
 }
 
-impl Horizon {
+impl FutureLimit {
     pub fn check(&self, stamp: Stamp) -> Result<(), InputError> {
         let ahead = self.newest.map_or(0.0, |now| stamp.seconds_since(now));
         if ahead <= self.timeout {

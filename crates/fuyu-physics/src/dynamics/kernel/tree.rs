@@ -101,8 +101,8 @@ pub(crate) struct JointTransform {
     pub p_reference: [f64; 3],
     /// Precomputed parent term: the part of the parent's composite inertia that does not depend on positions, which is
     /// the subtree as a point mass at its reference point and, if `adds_parent_inertia`, the parent's own inertia.
-    /// About the parent's reference point; the first moment is in the parent's axes, the moment of inertia in the axes
-    /// before `alpha` and `gamma`.
+    /// About the parent's reference point. Attention: the first moment is in the parent's axes, the moment of inertia in those after
+    /// `Rz(gamma) Rx(alpha)`, which are K's but for `theta`.
     pub parent_term: SpatialInertia,
     /// Whether `parent_term` contains the parent's own inertia. This is so for the parent's last child, which inward
     /// sweeps visit before its siblings.
@@ -347,9 +347,11 @@ fn without_rounding(mut inertia: SpatialInertia) -> SpatialInertia {
 }
 
 impl JointTransform {
-    fn new(joint: &Joint, parent: usize, X_PF: &Pose, X_BK: &Pose) -> Self {
-        let X_FK = X_PF.inverse() * joint.X_PJ * X_BK;
-        let R = X_FK.rotation.matrix();
+    /// `X_LP` is the parent's kernel frame P in its link frame L, in which the description gives the joint frame; `X_BK` is the kernel
+    /// frame of the body that it moves in that body's frame.
+    fn new(joint: &Joint, parent: usize, X_LP: &Pose, X_BK: &Pose) -> Self {
+        let X_PK = X_LP.inverse() * joint.X_PJ * X_BK;
+        let R = X_PK.rotation.matrix();
         let clean = |x: f64| if x.abs() < ROUNDING { 0.0 } else { x };
         // K's z axis is (sin alpha sin gamma, -sin alpha cos gamma, cos alpha).
         let sine = clean(R[(0, 2)].hypot(R[(1, 2)]));
@@ -385,7 +387,7 @@ impl JointTransform {
         let scale = theta_rotation[(0, 0)].hypot(theta_rotation[(1, 0)]);
         let theta_0 = [theta_rotation[(0, 0)], theta_rotation[(1, 0)]].map(|x| clean(x / scale));
 
-        let p_PK = X_FK.translation.vector;
+        let p_PK = X_PK.translation.vector;
         let size = p_PK.norm().max(1e-3);
         let mut p = R_gamma.transpose() * p_PK;
         let z = R_alpha.column(2).into_owned();

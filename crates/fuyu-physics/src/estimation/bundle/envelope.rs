@@ -15,7 +15,7 @@ pub struct Envelope {
     begins: Vec<usize>,
     values: Vec<f64>,
     /// Inverse diagonal of the factor.
-    pivots: Vec<f64>,
+    inverse_diagonal: Vec<f64>,
     arch: Arch,
 }
 
@@ -29,7 +29,7 @@ impl Envelope {
             length += 9 * (i + 1 - first);
         }
         Self {
-            pivots: vec![0.0; 3 * firsts.len()],
+            inverse_diagonal: vec![0.0; 3 * firsts.len()],
             firsts,
             begins,
             values: vec![0.0; length],
@@ -97,11 +97,11 @@ impl Envelope {
     pub fn solve(&self, x: &mut [f64]) {
         for i in 0..self.rows() {
             let (start, own) = (3 * self.firsts[i / 3], &self.values[self.range(i)]);
-            x[i] = (x[i] - dot(&own[..i - start], &x[start..i])) * self.pivots[i];
+            x[i] = (x[i] - dot(&own[..i - start], &x[start..i])) * self.inverse_diagonal[i];
         }
         for i in (0..self.rows()).rev() {
             let (start, own) = (3 * self.firsts[i / 3], &self.values[self.range(i)]);
-            let value = x[i] * self.pivots[i];
+            let value = x[i] * self.inverse_diagonal[i];
             x[i] = value;
             for (x, factor) in x[start..i].iter_mut().zip(own) {
                 *x -= factor * value;
@@ -170,7 +170,7 @@ impl WithSimd for Factor<'_> {
             firsts,
             begins,
             values,
-            pivots,
+            inverse_diagonal,
             ..
         } = self.0;
         for (j, &first) in firsts.iter().enumerate() {
@@ -190,15 +190,16 @@ impl WithSimd for Factor<'_> {
                 };
                 let column = 3 * (k - first);
                 if k < j {
-                    let pivots = &pivots[3 * k..3 * k + 3];
+                    let inverse_diagonal = &inverse_diagonal[3 * k..3 * k + 3];
                     let [_, second, third] = three(&above[begins[k]..], other_length, other_length);
                     let diagonal = other_length - 3;
                     let (l10, l20, l21) = (second[diagonal], third[diagonal], third[diagonal + 1]);
                     for (a, sums) in sums.iter().enumerate() {
                         let row = &mut own[a * length + column..][..3];
-                        row[0] = (row[0] - sums[0]) * pivots[0];
-                        row[1] = (row[1] - sums[1] - row[0] * l10) * pivots[1];
-                        row[2] = (row[2] - sums[2] - row[0] * l20 - row[1] * l21) * pivots[2];
+                        row[0] = (row[0] - sums[0]) * inverse_diagonal[0];
+                        row[1] = (row[1] - sums[1] - row[0] * l10) * inverse_diagonal[1];
+                        row[2] =
+                            (row[2] - sums[2] - row[0] * l20 - row[1] * l21) * inverse_diagonal[2];
                     }
                     continue;
                 }
@@ -209,10 +210,10 @@ impl WithSimd for Factor<'_> {
                             sum -= own[a * length + column + c] * own[b * length + column + c];
                         }
                         if a > b {
-                            own[a * length + column + b] = sum * pivots[3 * j + b];
+                            own[a * length + column + b] = sum * inverse_diagonal[3 * j + b];
                         } else if sum > 0.0 && sum.is_finite() {
                             own[a * length + column + a] = sum.sqrt();
-                            pivots[3 * j + a] = sum.sqrt().recip();
+                            inverse_diagonal[3 * j + a] = sum.sqrt().recip();
                         } else {
                             return false;
                         }
