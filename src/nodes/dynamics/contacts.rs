@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::{
+    grasps::RigidRobot,
     params::{ContactPairParams, ContactParams, Description},
     target::Target,
     touching::{Label, Touching},
@@ -36,9 +37,12 @@ struct Solid {
     shape: Shape,
 }
 
-/// A solid of a system of the contact world.
+/// A solid in the contact world.
 struct Placed<'a> {
     solid: &'a Solid,
+    /// The robot (0) or the target (its number from one).
+    owner: usize,
+    /// The system of the contact world, and its body, that the solid is part of.
     system: usize,
     body: usize,
     collider: ColliderId,
@@ -86,39 +90,51 @@ impl Contacts {
         })
     }
 
-    /// The robot and the targets as they are now, with the pairs that touch.
+    /// The robot, what it holds and the other targets as they are now, with the pairs that touch.
     ///
     /// # Errors
     /// A line on a description, a shape or a pair.
-    pub fn build(&self, robot: &Floating, targets: &[Target]) -> Result<Touching, String> {
+    pub fn build(&self, robot: &RigidRobot, targets: &[Target]) -> Result<Touching, String> {
         let of_targets = targets.iter().map(|target| self.solids_of(target));
         let of_targets: Vec<Vec<Solid>> = of_targets.collect::<Result<_, _>>()?;
-        let bodies = targets.iter().map(|target| &target.body);
-        let systems: Vec<&Floating> = std::iter::once(robot).chain(bodies).collect();
+        let held = targets.iter().position(|t| robot.held() == Some(&t.name));
+        let free = (targets.iter().enumerate()).filter(|(i, _)| Some(*i) != held);
+        let bodies = free.map(|(_, target)| &target.body);
+        let systems: Vec<&Floating> = std::iter::once(robot.whole()).chain(bodies).collect();
         let has_joints = systems.iter().any(|system| system.model().dof() > 0);
         let mut world = ContactWorld::new(systems.iter().map(|s| (*s).clone()).collect())
             .with_tolerance(self.params.tolerance_of(has_joints))
             .with_free_steps(self.time_step);
         let mut placed = Vec::new();
         let all = std::iter::once(&self.robot).chain(&of_targets);
-        for (system, solids) in all.enumerate() {
-            let model = systems[system].model();
+        let mut next_system = 1;
+        for (owner, solids) in all.enumerate() {
+            let is_held = owner > 0 && held == Some(owner - 1);
+            let system = match owner > 0 && !is_held {
+                true => next_system,
+                false => 0,
+            };
+            next_system += usize::from(system > 0);
             for solid in solids {
-                let Some(frame) = model.frame(&solid.frame) else {
-                    continue;
+                let frame = match robot.captured() {
+                    Some(captured) if is_held => captured.target_frame(&solid.frame),
+                    _ => systems[system].model().frame(&solid.frame),
                 };
+                let Some(frame) = frame else { continue };
                 let shape = solid.shape.clone();
                 let collider = world.add_collider_on(system, frame, &solid.X_LC, shape);
                 world.name_collider(collider, &solid.label);
                 placed.push(Placed {
                     solid,
+                    owner,
                     system,
                     body: frame.body,
                     collider,
                 });
             }
         }
-        let owners: Vec<Vec<&str>> = std::iter::once(vec![ROBOT, robot.model().name()])
+        let own = robot.own().model();
+        let owners: Vec<Vec<&str>> = std::iter::once(vec![ROBOT, own.name()])
             .chain(
                 targets
                     .iter()
@@ -127,7 +143,7 @@ impl Contacts {
             .collect();
         for (k, first) in placed.iter().enumerate() {
             for second in &placed[k + 1..] {
-                if !self.may_touch(robot.model(), first, second) {
+                if !self.may_touch(systems[0].model(), first, second) {
                     continue;
                 }
                 let Some((law, is_swapped)) = self.law_of(&owners, first, second) else {
@@ -140,11 +156,16 @@ impl Contacts {
                 (world.add_pair(a, b, law)).map_err(|e| format!("parameter contact: {e}"))?;
             }
         }
-        let labels = placed
-            .iter()
-            .map(|p| Label::new(p.solid.label.clone(), p.system));
+        let labels = placed.iter().map(|p| Label {
+            link: p.solid.label.clone(),
+            owner: p.owner,
+            robot_body: match p.owner {
+                0 => own.frame(&p.solid.frame).map(|frame| frame.body),
+                _ => None,
+            },
+        });
         let ids = targets.iter().map(|target| target.id);
-        Ok(Touching::new(world, labels.collect(), ids.collect()))
+        Ok(Touching::new(world, labels.collect(), ids.collect(), held))
     }
 
     /// Checks that the scenario's contacts mean something: there are shapes, and those that pairs name.
@@ -206,15 +227,19 @@ impl Contacts {
         Ok(solids)
     }
 
-    /// Whether two shapes can touch at all.
+    /// Whether two shapes can touch at all. `robot` is the robot with what it holds.
     fn may_touch(&self, robot: &Model, first: &Placed, second: &Placed) -> bool {
         if first.system != second.system {
             return true;
         }
         let (a, b) = (first.body, second.body);
+        if first.owner != second.owner {
+            // The hand and what it holds are one body.
+            return a != b;
+        }
         let bodies = robot.bodies();
         self.params.self_contact
-            && first.system == 0
+            && first.owner == 0
             && a != b
             && bodies[a].parent != Some(b)
             && bodies[b].parent != Some(a)
@@ -228,7 +253,7 @@ impl Contacts {
         second: &Placed,
     ) -> Option<(ContactLaw, bool)> {
         let fits = |names: &[String; 2], a: &Placed, b: &Placed| {
-            let of = |name: &String, p: &Placed| precision(name, p.solid, &owners[p.system]);
+            let of = |name: &String, p: &Placed| precision(name, p.solid, &owners[p.owner]);
             let found = [of(&names[0], a), of(&names[1], b)];
             (!found.contains(&0)).then(|| found.iter().sum::<u8>())
         };

@@ -3,16 +3,16 @@
 use super::touching::Touching;
 use crate::{
     dynamics::{
-        Floating, Forcing, IntegrationMethod, JointPhysics, Momentum, State,
+        Floating, Forcing, Input, IntegrationMethod, JointPhysics, Momentum, State,
         capture::{CaptureError, Captured, Grasp, ReleaseSpring},
     },
     model::Frame,
     spatial::Pose,
 };
 
-/// A rigid robot. While it holds a target, the joined system of both is stepped, otherwise that of all bodies that
-/// may touch, if there is contact. The robot itself has the motion that it has there, so that everything that looks
-/// at the robot need not know.
+/// A rigid robot. While it holds a target, the joined system of both is stepped, and if there is contact, together with all
+/// bodies that may touch. The robot itself has the motion that it has there, so that everything that looks at the robot need
+/// not know.
 pub struct RigidRobot {
     own: Floating,
     held: Option<Held>,
@@ -36,12 +36,13 @@ impl RigidRobot {
         }
     }
 
-    /// Steps the robot with all bodies that it may touch from now on.
+    /// Steps the robot and what it holds with all bodies that they may touch, from now on.
     pub(super) fn set_touching(&mut self, touching: Option<Touching>) {
         self.touching = touching.map(Box::new);
     }
 
-    /// The bodies that may touch, if there is contact; they are not stepped while it holds a target.
+    /// The bodies that may touch, if there is contact. They are those of before the last grasp or release until the next step
+    /// ([`Self::stepped_with`]).
     pub fn touching(&self) -> Option<&Touching> {
         self.touching.as_deref()
     }
@@ -53,7 +54,19 @@ impl RigidRobot {
 
     /// The bodies that it is stepped with now.
     pub(super) fn stepped_with(&self) -> Option<&Touching> {
-        self.touching.as_deref().filter(|_| self.held.is_none())
+        (self.touching.as_deref()).filter(|touching| touching.is_of(self.whole()))
+    }
+
+    /// Robot and target joined by a grasp, while it holds one.
+    pub(super) fn captured(&self) -> Option<&Captured> {
+        self.held.as_ref().map(|held| &held.captured)
+    }
+
+    /// Chooses the axes of a spherical grasp again if two of them come close to each other.
+    pub(super) fn choose_axes_if_tilted(&mut self) {
+        if let Some(held) = &mut self.held {
+            held.captured.choose_axes_if_tilted();
+        }
     }
 
     /// Momentum of the robot with what it is stepped with, angular about the common centre of mass.
@@ -85,6 +98,11 @@ impl RigidRobot {
             Some(held) => held.captured.floating(),
             None => &self.own,
         }
+    }
+
+    /// Whether it holds a target by two grasps, which form a closed loop.
+    pub(super) fn has_second_grasp(&self) -> bool {
+        self.captured().is_some_and(Captured::has_loops)
     }
 
     /// Name of the target that it holds.
@@ -154,9 +172,15 @@ impl RigidRobot {
         match &mut self.held {
             Some(held) => {
                 held.captured.hold_robot_input(self.own.input());
+                let joined = held.captured.floating_mut();
+                if let Some(touching) = &self.touching
+                    && touching.is_of(joined)
+                {
+                    touching.add_wrenches(joined);
+                }
                 held.captured.show_robot_accelerations(&mut self.own);
             }
-            None => match &mut self.touching {
+            None => match touching_of(&mut self.touching, &self.own) {
                 Some(touching) => touching.set_accelerations(&mut self.own),
                 None => {
                     self.own.accelerations();
@@ -170,10 +194,15 @@ impl RigidRobot {
         match &mut self.held {
             Some(held) => {
                 held.captured.hold_robot_input(self.own.input());
-                held.captured.step(dt, steps);
+                match touching_of(&mut self.touching, held.captured.floating()) {
+                    Some(touching) => {
+                        touching.step(held.captured.floating_mut(), dt * steps as f64);
+                    }
+                    None => held.captured.step(dt, steps),
+                }
                 held.captured.show_robot(&mut self.own);
             }
-            None => match &mut self.touching {
+            None => match touching_of(&mut self.touching, &self.own) {
                 Some(touching) => touching.step(&mut self.own, dt * steps as f64),
                 None => self.own.step(dt, steps),
             },
@@ -184,15 +213,32 @@ impl RigidRobot {
     pub fn step_with(&mut self, dt: f64, forcing: &mut impl Forcing) {
         match &mut self.held {
             Some(held) => {
-                (held.captured).step_with(dt, self.own.input_mut(), forcing);
+                let input = self.own.input_mut();
+                match touching_of(&mut self.touching, held.captured.floating()) {
+                    Some(touching) => held.captured.step_by(input, forcing, |joined, forces| {
+                        let mut forces = |time: f64, state: &State, input: &mut Input| {
+                            forces(time, state, input);
+                        };
+                        touching.step_with(joined, dt, &mut forces);
+                    }),
+                    None => (held.captured).step_with(dt, input, forcing),
+                }
                 held.captured.show_robot(&mut self.own);
             }
-            None => match &mut self.touching {
+            None => match touching_of(&mut self.touching, &self.own) {
                 Some(touching) => touching.step_with(&mut self.own, dt, forcing),
                 None => self.own.step_with(dt, forcing),
             },
         }
     }
+}
+
+/// The bodies that `system` is stepped with now.
+fn touching_of<'a>(
+    touching: &'a mut Option<Box<Touching>>,
+    system: &Floating,
+) -> Option<&'a mut Touching> {
+    (touching.as_deref_mut()).filter(|touching| touching.is_of(system))
 }
 
 /// The frame at pose `X_BF` of the base called `name`.

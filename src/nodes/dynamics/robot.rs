@@ -115,6 +115,14 @@ impl Robot {
         }
     }
 
+    /// The rigid robot with what it holds and touches; `None` if it has flexible parts.
+    pub(super) fn as_rigid(&self) -> Option<&RigidRobot> {
+        match self {
+            Self::Rigid(robot) => Some(robot),
+            Self::Flexible(_) => None,
+        }
+    }
+
     /// State and held input of the robot with what it holds, and its joints; `None` if it has flexible parts.
     pub(super) fn rigid_whole(&self) -> Option<&Floating> {
         match self {
@@ -208,7 +216,7 @@ impl Robot {
         }
     }
 
-    /// The bodies that may touch, also while it holds a target and is not stepped with them.
+    /// The bodies that may touch, also those of before the last grasp or release.
     pub(super) fn contacts(&self) -> Option<&Touching> {
         match self {
             Self::Rigid(robot) => robot.touching(),

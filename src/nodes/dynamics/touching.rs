@@ -2,9 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use crate::dynamics::{
-    Floating, Forcing, Input, Momentum, State,
-    contact::{ColliderId, ContactPoint, ContactWorld},
+use crate::{
+    dynamics::{
+        Floating, Forcing, Input, Momentum, State,
+        contact::{ColliderId, ContactPoint, ContactWorld},
+    },
+    model::Frame,
+    spatial::{Pose, Wrench},
 };
 
 /// The link of a collider.
@@ -13,14 +17,9 @@ pub struct Label {
     /// Its name in messages and events: a link of the robot, a target, or `TARGET/LINK`.
     pub link: String,
     /// The robot (0) or the target (its number from one).
-    pub system: usize,
-}
-
-impl Label {
-    /// The link called `link` of a system.
-    pub(super) fn new(link: String, system: usize) -> Self {
-        Self { link, system }
-    }
+    pub owner: usize,
+    /// The body of the robot, as it is without what it holds, that the link is part of.
+    pub robot_body: Option<usize>,
 }
 
 /// Two links begin or end to touch.
@@ -32,14 +31,16 @@ pub struct LinkEvent {
     pub what: String,
 }
 
-/// The robot and the targets as one system. The robot itself has the motion that it has here, so that drives, wrenches
-/// and sensors need not know.
+/// The robot and the targets as one system: the robot, with the target that it holds, is system 0, the other targets follow.
+/// The robot itself has the motion that it has here, so that drives, wrenches and sensors need not know.
 pub struct Touching {
     world: ContactWorld,
     /// Of each collider.
     labels: Vec<Label>,
-    /// Ids of the targets, which are the systems from 1 on.
+    /// Ids of all targets.
     targets: Vec<u64>,
+    /// Number in `targets` of the target that the robot holds.
+    held: Option<usize>,
     /// Points at which two links touch, by the first colliders of these links.
     touched: BTreeMap<[usize; 2], usize>,
     events: Vec<LinkEvent>,
@@ -49,20 +50,26 @@ pub struct Touching {
 }
 
 impl Touching {
-    /// A world with the labels of its colliders and the ids of its targets.
-    pub(super) fn new(world: ContactWorld, labels: Vec<Label>, targets: Vec<u64>) -> Self {
+    /// A world with the labels of its colliders and the ids of its targets, of which the robot holds number `held`.
+    pub(super) fn new(
+        world: ContactWorld,
+        labels: Vec<Label>,
+        targets: Vec<u64>,
+        held: Option<usize>,
+    ) -> Self {
         Self {
             input: Input::zero(world.systems()[0].model()),
             world,
             labels,
             targets,
+            held,
             touched: BTreeMap::new(),
             events: Vec::new(),
             failure: None,
         }
     }
 
-    /// The contact world: the robot is system 0, the targets follow.
+    /// The contact world: the robot with what it holds is system 0, the other targets follow.
     pub fn world(&self) -> &ContactWorld {
         &self.world
     }
@@ -72,9 +79,21 @@ impl Touching {
         &mut self.world
     }
 
-    /// Whether its targets have these ids.
-    pub(super) fn has_targets(&self, ids: impl Iterator<Item = u64>) -> bool {
-        self.targets.iter().copied().eq(ids)
+    /// Whether its targets have these ids, and the robot holds number `held` of them.
+    pub(super) fn has_targets(&self, ids: impl Iterator<Item = u64>, held: Option<usize>) -> bool {
+        self.held == held && self.targets.iter().copied().eq(ids)
+    }
+
+    /// Whether the robot, with what it holds, is `system`.
+    pub(super) fn is_of(&self, system: &Floating) -> bool {
+        self.world.systems()[0].model() == system.model()
+    }
+
+    /// The targets that the robot does not hold: number of the system, and number among all targets.
+    pub(super) fn free_targets(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let held = self.held;
+        let free = (0..self.targets.len()).filter(move |i| Some(*i) != held);
+        free.enumerate().map(|(system, i)| (system + 1, i))
     }
 
     /// The link of a collider.
@@ -170,15 +189,14 @@ impl Touching {
         self.points().map(of).collect()
     }
 
-    /// All pairs of links but those of the robot with the target of the id `held`.
-    pub(super) fn overlaps_without(&self, held: u64) -> Vec<[String; 2]> {
-        let held = self.targets.iter().position(|id| *id == held);
-        let held = held.map(|i| i + 1);
+    /// All pairs of links but those of the robot with the target that it holds.
+    pub(super) fn pairs_without_held(&self) -> Vec<[String; 2]> {
+        let held = self.held.map(|i| i + 1);
         let mut pairs = Vec::new();
         for (k, a) in self.labels.iter().enumerate() {
             for b in &self.labels[k + 1..] {
-                let is_held = (a.system == 0 && Some(b.system) == held)
-                    || (b.system == 0 && Some(a.system) == held);
+                let is_held = (a.owner == 0 && Some(b.owner) == held)
+                    || (b.owner == 0 && Some(a.owner) == held);
                 if !is_held {
                     pairs.push([a.link.clone(), b.link.clone()]);
                 }
@@ -208,9 +226,43 @@ impl Touching {
             return;
         }
         self.input.copy_from(robot.input());
-        self.world.add_wrenches(0, robot.input_mut());
+        self.add_wrenches(robot);
         robot.accelerations();
         robot.input_mut().copy_from(&self.input);
+    }
+
+    /// Adds what contacts exert now to the input of `system`, the robot with what it holds, if it is in the state of the contacts.
+    pub(super) fn add_wrenches(&self, system: &mut Floating) {
+        if self.world.systems()[0].state() == system.state() {
+            self.world.add_wrenches(0, system.input_mut());
+        }
+    }
+
+    /// Adds what contacts exert now on the links of `robot`, which is at `X_WB`, to `wrenches` on its bodies.
+    pub(super) fn add_wrenches_on_links(
+        &self,
+        robot: &Floating,
+        X_WB: &Pose,
+        wrenches: &mut [Wrench],
+    ) {
+        for point in self.points() {
+            let [first, second] = point.colliders;
+            for (collider, force_W) in [(first, point.force), (second, -point.force)] {
+                let Some(body) = self.label(collider).robot_body else {
+                    continue;
+                };
+                let frame = Frame {
+                    name: String::new(),
+                    body,
+                    parent: None,
+                    X_BF: Pose::identity(),
+                };
+                let X_WL = X_WB * robot.workspace().X_BF(&frame);
+                let force_L = X_WL.rotation.inverse_transform_vector(&force_W);
+                let arm = X_WL.inverse_transform_point(&point.at.into()).coords;
+                wrenches[body] += Wrench::new(arm.cross(&force_L), force_L);
+            }
+        }
     }
 
     /// Momentum of everything, angular about the common centre of mass.

@@ -7,6 +7,8 @@ mod grasping;
 mod held_tick;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod wrist_tests;
 
 pub use contact::LinkContact;
 use contact::WorldContacts;
@@ -538,6 +540,7 @@ impl World {
                 self.step_free_targets(if whole { seconds } else { next - targets_at });
                 targets_at = next;
                 self.follow_grasps(next);
+                self.renew_contact();
             }
             if next >= end {
                 break;

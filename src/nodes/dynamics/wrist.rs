@@ -4,14 +4,14 @@ use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rand_distr::StandardNormal;
 
-use super::{messages::header, robot::Robot, world::World};
+use super::{free_body::FreeBody, messages::header, robot::Robot, world::World};
 use crate::{
     dynamics::Input,
-    model::{Frame, Model},
+    model::Frame,
     msg::geometry_msgs,
     nodes::{geometry::vector_to_msg, placement::declare_vector},
     ros::{Declare, Time},
-    spatial::{Pose, Wrench},
+    spatial::Wrench,
 };
 
 /// Where the sensor is, and its errors.
@@ -86,9 +86,7 @@ pub(super) struct Wrist {
     /// First body beyond the joint; the sensor carries its subtree.
     body: usize,
     frame: Frame,
-    /// Frames of all bodies.
-    bodies: Vec<Frame>,
-    /// Wrenches on the bodies.
+    /// Wrenches on the bodies of a rigid robot.
     input: Input,
 }
 
@@ -101,13 +99,7 @@ impl Wrist {
         if params.joint.is_empty() {
             return Ok(None);
         }
-        let Some(floating) = robot.rigid() else {
-            return Err(
-                "parameter wrist.joint: a robot with appendages, elastic joints, wheels or thrusters has no force and torque sensor yet; leave it empty"
-                    .to_owned(),
-            );
-        };
-        let model = floating.model();
+        let model = robot.model();
         let joint = model
             .tree_joints()
             .position(|joint| joint.name == params.joint);
@@ -133,14 +125,6 @@ impl Wrist {
         Ok(Some(Self {
             body,
             frame: frame.clone(),
-            bodies: (model.bodies().iter().enumerate())
-                .map(|(body, of_body)| Frame {
-                    name: of_body.name.clone(),
-                    body,
-                    parent: None,
-                    X_BF: Pose::identity(),
-                })
-                .collect(),
             input: Input::zero(model),
             params: params.clone(),
         }))
@@ -152,45 +136,35 @@ impl Wrist {
     }
 
     /// What the links beyond the joint exert on the rest, about the centre of the sensor in its axes (needs
-    /// [`Robot::set_accelerations`]). It follows from the motion of the rest, whatever the links beyond hold:
-    /// the momentum that the rest gains, and no other force on it gives.
-    fn wrench(&mut self, robot: &Robot) -> Wrench {
-        let Some(floating) = robot.rigid() else {
-            return Wrench::ZERO;
+    /// [`Robot::set_accelerations`]).
+    fn wrench(&mut self, robot: &mut Robot) -> Wrench {
+        let on_rest_B = match robot.flexible_mut() {
+            Some(flexible) => flexible.transmitted_wrench(self.body),
+            None => self.of_rigid(robot),
         };
-        let model: &Model = floating.model();
-        self.input.copy_from(floating.input());
-        if let Some(touching) = robot.touching() {
-            touching.world().add_wrenches(0, &mut self.input);
-        }
-        let beyond = self.body..model.bodies()[self.body].subtree_end;
-        let mut total_B = Wrench::ZERO;
-        for (b, body) in model.bodies().iter().enumerate() {
-            if beyond.contains(&b) {
-                continue;
-            }
-            let frame = &self.bodies[b];
-            let (X, V, A) = (robot.X_BF(frame), robot.V_WF_B(frame), robot.A_WF_B(frame));
-            let inertia = &body.inertia;
-            let (w, alpha) = (V.angular, A.angular);
-            let arm = X.rotation * inertia.com;
-            let force = inertia.mass * (A.linear + alpha.cross(&arm) + w.cross(&w.cross(&arm)));
-            let I = X.rotation * inertia.about_com * X.rotation.inverse();
-            let torque = I * alpha + w.cross(&(I * w));
-            let p_com = X.translation.vector + arm;
-            total_B += Wrench::new(torque + p_com.cross(&force), force);
-            total_B += self.input.wrenches[b].shifted_to_parent(&X) * -1.0;
-        }
         let X_BS = robot.X_BF(&self.frame);
-        let torque = total_B.torque - X_BS.translation.vector.cross(&total_B.force);
+        let torque = on_rest_B.torque - X_BS.translation.vector.cross(&on_rest_B.force);
         Wrench::new(
             X_BS.rotation.inverse_transform_vector(&torque),
-            X_BS.rotation.inverse_transform_vector(&total_B.force),
+            X_BS.rotation.inverse_transform_vector(&on_rest_B.force),
         )
     }
 
+    /// The same about the base's origin, of a rigid robot with its contacts.
+    fn of_rigid(&mut self, robot: &Robot) -> Wrench {
+        let Some(floating) = robot.rigid() else {
+            return Wrench::ZERO;
+        };
+        self.input.copy_from(floating.input());
+        if let Some(touching) = robot.touching() {
+            let X_WB = FreeBody::X_WB(floating);
+            touching.add_wrenches_on_links(floating, &X_WB, &mut self.input.wrenches);
+        }
+        floating.transmitted_wrench(self.body, &self.input.wrenches)
+    }
+
     /// The same with bias and noise of the state with this number: a state that is published twice has one measurement.
-    fn measure(&mut self, robot: &Robot, tick: u64) -> Wrench {
+    fn measure(&mut self, robot: &mut Robot, tick: u64) -> Wrench {
         let truth = self.wrench(robot);
         let params = &self.params;
         // Other numbers than those of the inertial measurement unit.

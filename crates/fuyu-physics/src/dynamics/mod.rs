@@ -80,6 +80,7 @@ mod simd_equivalence;
 mod state;
 mod state_row;
 mod tableau;
+mod transmitted_wrench;
 mod vector_state;
 mod workspace;
 

@@ -1,7 +1,8 @@
 //! Contact in the world: when bodies are stepped together, the events of their contacts, and the energy of contact.
 
 use super::super::{
-    contacts::Contacts, params::DynamicsParams, robot::Robot, target::Target, touching::Touching,
+    contacts::Contacts, grasps::RigidRobot, params::DynamicsParams, robot::Robot, target::Target,
+    touching::Touching,
 };
 use super::{GraspEvent, World};
 use crate::dynamics::contact::ContactPoint;
@@ -111,15 +112,17 @@ impl World {
         let Some(contacts) = &self.contacts else {
             return Ok(());
         };
-        let held = self.held_target();
-        let held = held.and_then(|name| self.targets.iter().find(|target| target.name == name));
-        let Some(robot) = self.robot.rigid() else {
+        let Some(robot) = self
+            .robot
+            .rigid_mut()
+            .filter(|robot| !robot.has_second_grasp())
+        else {
             return Ok(());
         };
         let mut touching = contacts.contacts.build(robot, &self.targets)?;
-        if let Some(held) = held {
+        if robot.held().is_some() {
             // What is held at the start may overlap with the hand.
-            let apart = touching.overlaps_without(held.id);
+            let apart = touching.pairs_without_held();
             touching.suspend_overlaps(&apart);
         }
         let found = touching.world_mut().check_apart();
@@ -133,8 +136,8 @@ impl World {
     /// # Errors
     /// A line on a description, a shape or a pair of shapes.
     pub(in super::super) fn check_shapes(&self) -> Result<(), String> {
-        match (&self.contacts, self.robot.rigid()) {
-            (Some(contacts), Some(robot)) => {
+        match (&self.contacts, self.robot.as_rigid()) {
+            (Some(contacts), Some(robot)) if !robot.has_second_grasp() => {
                 contacts.contacts.build(robot, &self.targets).map(drop)
             }
             _ => Ok(()),
@@ -147,16 +150,30 @@ impl World {
         }
     }
 
-    /// Before a step: takes over states and inputs that were changed from outside since the last step.
-    pub(super) fn prepare_contact(&mut self) {
+    /// Sets up contact again if the targets, or what the robot holds, have changed.
+    pub(super) fn renew_contact(&mut self) {
         let Some(contacts) = &mut self.contacts else {
             return;
         };
         let Some(robot) = self.robot.rigid_mut() else {
             return;
         };
+        robot.choose_axes_if_tilted();
         let ids = || self.targets.iter().map(|target| target.id);
-        let is_current = (robot.touching()).is_some_and(|touching| touching.has_targets(ids()));
+        let held = self
+            .targets
+            .iter()
+            .position(|t| robot.held() == Some(&t.name));
+        let is_current =
+            (robot.stepped_with()).is_some_and(|touching| touching.has_targets(ids(), held));
+        if robot.has_second_grasp() {
+            // Contact of closed loops is not simulated.
+            if let Some(touching) = robot.touching() {
+                contacts.dissipated_before += touching.world().dissipated_energy();
+                robot.set_touching(None);
+            }
+            return;
+        }
         let is_refused =
             (contacts.refused.as_ref()).is_some_and(|refused| refused.iter().copied().eq(ids()));
         if !is_current && !is_refused {
@@ -166,7 +183,7 @@ impl World {
                 contacts.dissipated_before += touching.world().dissipated_energy();
                 known = touching.touching_links();
             }
-            match contacts.contacts.build(robot.own(), &self.targets) {
+            match contacts.contacts.build(robot, &self.targets) {
                 Ok(mut touching) => {
                     touching.suspend_overlaps(&known);
                     robot.set_touching(Some(touching));
@@ -178,12 +195,16 @@ impl World {
                 }
             }
         }
-        if robot.held().is_some() {
-            return;
-        }
-        if let Some(touching) = robot.touching_mut() {
-            for (i, target) in self.targets.iter_mut().enumerate() {
-                touching.follow(i + 1, &target.body);
+    }
+
+    /// Before a step: takes over states and inputs that were changed from outside since the last step.
+    pub(super) fn prepare_contact(&mut self) {
+        self.renew_contact();
+        let touching = self.robot.rigid_mut().and_then(RigidRobot::touching_mut);
+        if let Some(touching) = touching {
+            for (system, i) in touching.free_targets() {
+                let target = &mut self.targets[i];
+                touching.follow(system, &target.body);
                 target.save();
             }
         }
@@ -205,8 +226,8 @@ impl World {
         let Some(touching) = robot.touching_mut() else {
             return;
         };
-        for (i, target) in self.targets.iter_mut().enumerate() {
-            touching.world().show(i + 1, &mut target.body);
+        for (system, i) in touching.free_targets() {
+            touching.world().show(system, &mut self.targets[i].body);
         }
         let events: Vec<_> = touching.take_events().collect();
         for event in events {
@@ -224,3 +245,6 @@ impl World {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -298,10 +298,7 @@ impl Captured {
 
     /// The frame of the target's base.
     pub fn target_root(&self) -> &Frame {
-        let name = format!("{}{}", self.prefix, self.target.bodies()[0].name);
-        self.joined
-            .model
-            .frame(&name)
+        self.target_frame(&self.target.bodies()[0].name)
             .expect("the target's base is part of the joined model")
     }
 
@@ -317,8 +314,19 @@ impl Captured {
         }
     }
 
-    /// Chooses the axes of a spherical joint again if two of them come close to each other. Returns whether it did.
-    pub(super) fn choose_axes_if_tilted(&mut self) -> bool {
+    /// The frame of the joined model that is called `name` in the target's own.
+    pub fn target_frame(&self, name: &str) -> Option<&Frame> {
+        self.joined.model.frame(&format!("{}{name}", self.prefix))
+    }
+
+    /// Whether grasps form closed loops.
+    pub fn has_loops(&self) -> bool {
+        !self.second.is_empty()
+    }
+
+    /// Chooses the axes of a spherical joint again if two of them come close to each other. Returns whether it did: then the
+    /// joined system has another model.
+    pub fn choose_axes_if_tilted(&mut self) -> bool {
         if let [_, tilt, _] = self.joined.connection[..]
             && self.floating.state().q[tilt].abs() > TILTED
         {

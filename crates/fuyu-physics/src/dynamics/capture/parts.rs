@@ -143,6 +143,25 @@ impl Captured {
     /// # Panics
     /// If `input` is that of another robot.
     pub fn step_with(&mut self, dt: f64, input: &mut Input, forcing: &mut impl Forcing) {
+        self.step_by(input, forcing, |joined, forces| {
+            joined.step_with(dt, &mut |time: f64, state: &State, input: &mut Input| {
+                forces(time, state, input);
+            });
+        });
+        self.choose_axes_if_tilted();
+    }
+
+    /// As [`Self::step_with`], but `step` moves the joined system: with other bodies that it touches, for example. It is given
+    /// the forces at every stage. The axes of a spherical joint stay ([`Self::choose_axes_if_tilted`]).
+    ///
+    /// # Panics
+    /// If `input` is that of another robot.
+    pub fn step_by(
+        &mut self,
+        input: &mut Input,
+        forcing: &mut impl Forcing,
+        step: impl FnOnce(&mut Floating, &mut dyn FnMut(f64, &State, &mut Input)),
+    ) {
         self.part.input.copy_from(input);
         let Self {
             floating,
@@ -155,9 +174,8 @@ impl Captured {
             forcing.apply(time, &part.state, &mut part.input);
             RobotPart::write(places, &part.bodies, &part.input, to);
         };
-        floating.step_with(dt, &mut of_whole);
+        step(floating, &mut of_whole);
         input.copy_from(&self.part.input);
-        self.choose_axes_if_tilted();
     }
 
     /// Joint positions and rates of the robot, in its own order; those of locked joints do not change.

@@ -153,7 +153,7 @@ impl FlexibleWorkspace {
 
     /// External wrenches and thrusters on each body, their sum and their power. What acts on an elastic link acts on
     /// its section, as frames of the link are fixed to it.
-    fn set_external(&mut self, state: &FlexibleState, input: &FlexibleInput) {
+    pub(super) fn set_external(&mut self, state: &FlexibleState, input: &FlexibleInput) {
         (self.external, self.external_power) = (Wrench::ZERO, 0.0);
         self.nodes
             .iter_mut()

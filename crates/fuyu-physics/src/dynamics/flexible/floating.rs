@@ -8,7 +8,7 @@ use super::{
 };
 use crate::dynamics::{IntegrationMethod, checks};
 use crate::model::Model;
-use crate::spatial::Pose;
+use crate::spatial::{Pose, Wrench};
 
 /// One [`FlexibleSystem`] with its state and scratch memory: the counterpart of [`Floating`](crate::dynamics::Floating) for a rigid
 /// robot. Joint efforts, wrenches and wheel torques are held from step to step.
@@ -170,5 +170,16 @@ impl FlexibleFloating {
     /// ([`FlexibleWorkspace::A_WF_B`]).
     pub fn set_accelerations(&mut self) {
         (self.integrator).set_accelerations(&self.state, &mut self.workspace, &self.input);
+    }
+
+    /// Wrench that body `b` and all bodies beyond it exert on the rest of the robot through the body's joint, under the held
+    /// input: torque about the base's origin \[N m\] and force \[N\], base axes. Needs the accelerations of this instant
+    /// ([`Self::set_accelerations`]); of a robot that holds a target, those of the joined system
+    /// ([`CapturedGyrostat::show_robot_accelerations`](crate::dynamics::capture::CapturedGyrostat::show_robot_accelerations)).
+    ///
+    /// # Panics
+    /// If no joint moves a body `b`.
+    pub fn transmitted_wrench(&mut self, b: usize) -> Wrench {
+        (self.workspace).transmitted_wrench(b, &self.state, &self.input)
     }
 }

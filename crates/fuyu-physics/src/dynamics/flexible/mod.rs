@@ -61,6 +61,7 @@ mod section;
 mod stability;
 mod state;
 mod system;
+mod transmitted_wrench;
 mod workspace;
 
 pub use adaptive::{AdaptiveIntegrator, Tolerance};

@@ -1,5 +1,7 @@
+use super::super::wrist_tests::check_wrist;
 use super::*;
 use crate::nodes::scenario::Scenario;
+use nalgebra::Vector3;
 
 /// A servicer whose tip is at the target's origin, which moves past it.
 fn params(more: &str) -> DynamicsParams {
@@ -31,9 +33,9 @@ fn step_to(world: &mut World, time: f64) {
 }
 
 /// Total momentum, angular about the world's origin.
-fn momentum(world: &World) -> (nalgebra::Vector3<f64>, nalgebra::Vector3<f64>) {
+fn momentum(world: &World) -> (Vector3<f64>, Vector3<f64>) {
     let states = [world.robot.state(), world.targets[0].body.state()];
-    let sum = |of: &dyn Fn(&crate::dynamics::State) -> nalgebra::Vector3<f64>| {
+    let sum = |of: &dyn Fn(&crate::dynamics::State) -> Vector3<f64>| {
         states.iter().map(|state| of(state)).sum()
     };
     (
@@ -205,4 +207,25 @@ fn robots_that_bend_and_targets_with_stops_are_refused() {
         text.contains("of target 'debris' are not simulated"),
         "{text}"
     );
+}
+
+// The sensor against the rate of the momentum of what is beyond it, which holds the target, while wheels and a thruster turn the
+// base. Fails if wheels, the thruster or the target are left out.
+#[test]
+fn a_robot_with_wheels_feels_in_its_wrist_what_it_holds() {
+    for joints in ["", "      joints: locked\n"] {
+        let wrist = "    wrist:\n      joint: joint5\n      frame: tool0\n";
+        let mut world = World::new(&params(&format!("{joints}{WHEELS}{wrist}"))).unwrap();
+        world.attach().unwrap();
+        world.hold_wheel_torques([(0, 0.5), (1, -1.0)]);
+        world.fire([(0, 2.0)]);
+        world.robot.hold_efforts(&[3.0, -2.0, 1.0, 0.3, -0.2, 0.1]);
+        let with_target = |world: &World| {
+            let target = world.targets[0].body.state();
+            let P = target.momentum_W.linear;
+            [P, target.momentum_W.angular + target.p_WC.cross(&P)]
+        };
+        let largest = check_wrist(&mut world, 1e-5, with_target);
+        assert!(largest > 0.5, "{largest}");
+    }
 }
