@@ -11,6 +11,7 @@ use super::{
 use crate::{
     dynamics::{
         Floating,
+        capture::Captured,
         contact::{ColliderId, ContactLaw, ContactWorld, Shape},
     },
     model::{CollisionElement, CollisionGeometry, Model},
@@ -95,12 +96,33 @@ impl Contacts {
     /// # Errors
     /// A line on a description, a shape or a pair.
     pub fn build(&self, robot: &RigidRobot, targets: &[Target]) -> Result<Touching, String> {
+        let held = targets.iter().position(|t| robot.held() == Some(&t.name));
+        self.build_around(robot.own(), robot.captured().zip(held), targets)
+    }
+
+    /// Checks that all shapes can touch, whatever the robot holds now.
+    ///
+    /// # Errors
+    /// A line on a description, a shape or a pair.
+    pub fn check_pairs(&self, robot: &RigidRobot, targets: &[Target]) -> Result<(), String> {
+        self.build_around(robot.own(), None, targets).map(drop)
+    }
+
+    /// Robot and targets, of which the robot holds one by a grasp: its joined system, and its number.
+    fn build_around(
+        &self,
+        robot: &Floating,
+        held: Option<(&Captured, usize)>,
+        targets: &[Target],
+    ) -> Result<Touching, String> {
+        let (captured, held) = held.unzip();
         let of_targets = targets.iter().map(|target| self.solids_of(target));
         let of_targets: Vec<Vec<Solid>> = of_targets.collect::<Result<_, _>>()?;
-        let held = targets.iter().position(|t| robot.held() == Some(&t.name));
         let free = (targets.iter().enumerate()).filter(|(i, _)| Some(*i) != held);
         let bodies = free.map(|(_, target)| &target.body);
-        let systems: Vec<&Floating> = std::iter::once(robot.whole()).chain(bodies).collect();
+        let systems: Vec<&Floating> = std::iter::once(captured.map_or(robot, Captured::floating))
+            .chain(bodies)
+            .collect();
         let has_joints = systems.iter().any(|system| system.model().dof() > 0);
         let mut world = ContactWorld::new(systems.iter().map(|s| (*s).clone()).collect())
             .with_tolerance(self.params.tolerance_of(has_joints))
@@ -116,7 +138,7 @@ impl Contacts {
             };
             next_system += usize::from(system > 0);
             for solid in solids {
-                let frame = match robot.captured() {
+                let frame = match captured {
                     Some(captured) if is_held => captured.target_frame(&solid.frame),
                     _ => systems[system].model().frame(&solid.frame),
                 };
@@ -133,7 +155,7 @@ impl Contacts {
                 });
             }
         }
-        let own = robot.own().model();
+        let own = robot.model();
         let owners: Vec<Vec<&str>> = std::iter::once(vec![ROBOT, own.name()])
             .chain(
                 targets
@@ -143,7 +165,7 @@ impl Contacts {
             .collect();
         for (k, first) in placed.iter().enumerate() {
             for second in &placed[k + 1..] {
-                if !self.may_touch(systems[0].model(), first, second) {
+                if !self.may_touch(systems[0].model(), captured, first, second) {
                     continue;
                 }
                 let Some((law, is_swapped)) = self.law_of(&owners, first, second) else {
@@ -228,14 +250,24 @@ impl Contacts {
     }
 
     /// Whether two shapes can touch at all. `robot` is the robot with what it holds.
-    fn may_touch(&self, robot: &Model, first: &Placed, second: &Placed) -> bool {
+    fn may_touch(
+        &self,
+        robot: &Model,
+        captured: Option<&Captured>,
+        first: &Placed,
+        second: &Placed,
+    ) -> bool {
         if first.system != second.system {
             return true;
         }
         let (a, b) = (first.body, second.body);
         if first.owner != second.owner {
-            // The hand and what it holds are one body.
-            return a != b;
+            // Not the hand and the link that it holds, which are one body or have a ball joint between them.
+            return captured.is_some_and(|captured| {
+                let hand = robot.frame(&captured.grasp().robot.name);
+                a != b
+                    && (hand.map(|frame| frame.body), captured.target_root().body) != (Some(a), b)
+            });
         }
         let bodies = robot.bodies();
         self.params.self_contact

@@ -37,11 +37,13 @@ impl RigidRobot {
     }
 
     /// Steps the robot and what it holds with all bodies that they may touch, from now on.
-    pub(super) fn set_touching(&mut self, touching: Option<Touching>) {
-        self.touching = touching.map(Box::new);
+    /// Returns those of before.
+    pub(super) fn set_touching(&mut self, touching: Option<Touching>) -> Option<Touching> {
+        let before = std::mem::replace(&mut self.touching, touching.map(Box::new));
+        before.map(|before| *before)
     }
 
-    /// The bodies that may touch, if there is contact. They are those of before the last grasp or release until the next step
+    /// The bodies that may touch, if there is contact. After a grasp or release they are out of date until contact is set up again
     /// ([`Self::stepped_with`]).
     pub fn touching(&self) -> Option<&Touching> {
         self.touching.as_deref()

@@ -216,7 +216,7 @@ impl Robot {
         }
     }
 
-    /// The bodies that may touch, also those of before the last grasp or release.
+    /// The bodies that may touch; after a grasp or release they are out of date until contact is set up again.
     pub(super) fn contacts(&self) -> Option<&Touching> {
         match self {
             Self::Rigid(robot) => robot.touching(),

@@ -18,7 +18,7 @@ pub struct Label {
     pub link: String,
     /// The robot (0) or the target (its number from one).
     pub owner: usize,
-    /// The body of the robot, as it is without what it holds, that the link is part of.
+    /// Index of the link's body in the robot's own model; `None` for targets.
     pub robot_body: Option<usize>,
 }
 
@@ -82,6 +82,11 @@ impl Touching {
     /// Whether its targets have these ids, and the robot holds number `held` of them.
     pub(super) fn has_targets(&self, ids: impl Iterator<Item = u64>, held: Option<usize>) -> bool {
         self.held == held && self.targets.iter().copied().eq(ids)
+    }
+
+    /// Whether the contacts are those of the present state of `system`, the robot with what it holds.
+    pub(super) fn is_at(&self, system: &Floating) -> bool {
+        self.world.systems()[0].state() == system.state()
     }
 
     /// Whether the robot, with what it holds, is `system`.
@@ -178,6 +183,27 @@ impl Touching {
         self.events.drain(..)
     }
 
+    /// Contacts that `before`, the bodies in another grouping, had are continued: those that have ended meanwhile are returned,
+    /// those that go on have no event.
+    pub(super) fn continue_from(&mut self, before: &Self) -> Vec<[String; 2]> {
+        let points: Vec<_> = self.points().map(|point| point.colliders).collect();
+        for colliders in points {
+            let links = colliders.map(|c| self.first_of_link(c));
+            *self.touched.entry(links).or_default() += 1;
+        }
+        let now: Vec<_> = self.links_in_contact().collect();
+        let is_over =
+            |links: &[&str; 2]| !now.contains(links) && !now.contains(&[links[1], links[0]]);
+        let ended = before.links_in_contact().filter(is_over);
+        ended.map(|links| links.map(str::to_owned)).collect()
+    }
+
+    /// Pairs of links whose contact has begun and not ended.
+    pub(super) fn links_in_contact(&self) -> impl Iterator<Item = [&str; 2]> {
+        let touched = self.touched.iter().filter(|(_, count)| **count > 0);
+        touched.map(|(links, _)| links.map(|k| self.labels[k].link.as_str()))
+    }
+
     /// Why a step could not be taken, once.
     pub(super) fn take_failure(&mut self) -> Option<String> {
         self.failure.take()
@@ -220,7 +246,7 @@ impl Touching {
 
     /// Computes the accelerations of the robot's frames under what acts now, contacts included.
     pub(super) fn set_accelerations(&mut self, robot: &mut Floating) {
-        if self.world.systems()[0].state() != robot.state() {
+        if !self.is_at(robot) {
             // Contacts of another state.
             robot.accelerations();
             return;
@@ -233,7 +259,7 @@ impl Touching {
 
     /// Adds what contacts exert now to the input of `system`, the robot with what it holds, if it is in the state of the contacts.
     pub(super) fn add_wrenches(&self, system: &mut Floating) {
-        if self.world.systems()[0].state() == system.state() {
+        if self.is_at(system) {
             self.world.add_wrenches(0, system.input_mut());
         }
     }

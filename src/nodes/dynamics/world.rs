@@ -507,13 +507,14 @@ impl World {
         self.wrenches.save_change();
         self.follow_grasps(start);
         self.save_held_target();
-        self.prepare_contact();
+        self.prepare_contact(start);
         let end = self.time.now();
         let (mut time, mut targets_at) = (start, start);
         loop {
             // Wrenches begin and end on time.
             let next_grasp = self.grasps.next_change(time, end);
             let next = self.wrenches.next_change(time, next_grasp);
+            let next = self.next_choice_of_axes(time, next);
             // The difference of two times is not the period to the last digit.
             let part = match (time == start, next < end) {
                 (true, false) => seconds,
@@ -540,8 +541,8 @@ impl World {
                 self.step_free_targets(if whole { seconds } else { next - targets_at });
                 targets_at = next;
                 self.follow_grasps(next);
-                self.renew_contact();
             }
+            self.renew_contact(next);
             if next >= end {
                 break;
             }

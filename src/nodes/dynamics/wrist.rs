@@ -156,7 +156,9 @@ impl Wrist {
             return Wrench::ZERO;
         };
         self.input.copy_from(floating.input());
-        if let Some(touching) = robot.touching() {
+        if let (Some(touching), Some(whole)) = (robot.touching(), robot.rigid_whole())
+            && touching.is_at(whole)
+        {
             let X_WB = FreeBody::X_WB(floating);
             touching.add_wrenches_on_links(floating, &X_WB, &mut self.input.wrenches);
         }

@@ -5,7 +5,12 @@ use super::super::{
     touching::Touching,
 };
 use super::{GraspEvent, World};
-use crate::dynamics::contact::ContactPoint;
+use crate::dynamics::{capture::Captured, contact::ContactPoint};
+
+/// Angle by which a ball joint may turn before its axes are looked at again \[rad\].
+const LARGEST_TURN: f64 = 0.25;
+/// Shortest time between two looks at these axes \[s\].
+const SHORTEST: f64 = 1e-4;
 
 /// Most events that are kept.
 const MOST_EVENTS: usize = 10_000;
@@ -18,8 +23,8 @@ pub(super) struct WorldContacts {
     failure: Option<String>,
     /// Energy that contacts dissipated before the bodies changed \[J\].
     dissipated_before: f64,
-    /// The targets with which contacts could not be set up.
-    refused: Option<Vec<u64>>,
+    /// The targets with which contacts could not be set up, and the number of the one that the robot held.
+    refused: Option<(Vec<u64>, Option<usize>)>,
 }
 
 /// A point at which two links touch.
@@ -55,6 +60,20 @@ impl WorldContacts {
             dissipated_before: 0.0,
             refused: None,
         }))
+    }
+
+    /// Counts what contacts have dissipated that are set up again, with the energy that they stored beyond `stored` \[J\], which
+    /// the new ones store.
+    fn leave(&mut self, before: &Touching, stored: f64) {
+        let lost = before.world().stored_energy() - stored;
+        self.dissipated_before += before.world().dissipated_energy() + lost.max(0.0);
+    }
+
+    /// Notes that these links do not touch any more since `time` \[s\].
+    fn note_ends(&mut self, time: f64, links: Vec<[String; 2]>) {
+        for [a, b] in links {
+            self.note(time, format!("contact of {a} and {b} ends"));
+        }
     }
 
     fn note(&mut self, time: f64, what: String) {
@@ -112,13 +131,13 @@ impl World {
         let Some(contacts) = &self.contacts else {
             return Ok(());
         };
-        let Some(robot) = self
-            .robot
-            .rigid_mut()
-            .filter(|robot| !robot.has_second_grasp())
-        else {
+        let Some(robot) = self.robot.rigid_mut() else {
             return Ok(());
         };
+        contacts.contacts.check_pairs(robot, &self.targets)?;
+        if robot.has_second_grasp() {
+            return Ok(());
+        }
         let mut touching = contacts.contacts.build(robot, &self.targets)?;
         if robot.held().is_some() {
             // What is held at the start may overlap with the hand.
@@ -137,9 +156,7 @@ impl World {
     /// A line on a description, a shape or a pair of shapes.
     pub(in super::super) fn check_shapes(&self) -> Result<(), String> {
         match (&self.contacts, self.robot.as_rigid()) {
-            (Some(contacts), Some(robot)) if !robot.has_second_grasp() => {
-                contacts.contacts.build(robot, &self.targets).map(drop)
-            }
+            (Some(contacts), Some(robot)) => contacts.contacts.check_pairs(robot, &self.targets),
             _ => Ok(()),
         }
     }
@@ -150,8 +167,22 @@ impl World {
         }
     }
 
+    /// `end` \[s\], or an earlier time after `time` \[s\] at which the axes of a ball joint between robot and target may have to be
+    /// chosen again: bodies that may touch are stepped with axes that stay.
+    pub(super) fn next_choice_of_axes(&self, time: f64, end: f64) -> f64 {
+        let robot = self
+            .robot
+            .as_rigid()
+            .filter(|robot| robot.stepped_with().is_some());
+        let captured = robot.and_then(RigidRobot::captured);
+        match captured.and_then(Captured::ball_joint_rate) {
+            Some(rate) => end.min(time + (LARGEST_TURN / rate).max(SHORTEST)),
+            None => end,
+        }
+    }
+
     /// Sets up contact again if the targets, or what the robot holds, have changed.
-    pub(super) fn renew_contact(&mut self) {
+    pub(super) fn renew_contact(&mut self, time: f64) {
         let Some(contacts) = &mut self.contacts else {
             return;
         };
@@ -168,38 +199,46 @@ impl World {
             (robot.stepped_with()).is_some_and(|touching| touching.has_targets(ids(), held));
         if robot.has_second_grasp() {
             // Contact of closed loops is not simulated.
-            if let Some(touching) = robot.touching() {
-                contacts.dissipated_before += touching.world().dissipated_energy();
-                robot.set_touching(None);
+            if let Some(touching) = robot.set_touching(None) {
+                contacts.leave(&touching, 0.0);
+                let ended = touching
+                    .links_in_contact()
+                    .map(|links| links.map(str::to_owned));
+                contacts.note_ends(time, ended.collect());
             }
             return;
         }
-        let is_refused =
-            (contacts.refused.as_ref()).is_some_and(|refused| refused.iter().copied().eq(ids()));
+        let is_refused = (contacts.refused.as_ref()).is_some_and(|(refused, holding)| {
+            *holding == held && refused.iter().copied().eq(ids())
+        });
         if !is_current && !is_refused {
             contacts.refused = None;
-            let mut known = Vec::new();
-            if let Some(touching) = robot.touching() {
-                contacts.dissipated_before += touching.world().dissipated_energy();
-                known = touching.touching_links();
-            }
-            match contacts.contacts.build(robot, &self.targets) {
+            let built = contacts.contacts.build(robot, &self.targets);
+            let before = robot.set_touching(None);
+            match built {
                 Ok(mut touching) => {
+                    let known = (before.as_ref()).map_or(Vec::new(), Touching::touching_links);
                     touching.suspend_overlaps(&known);
+                    if let Some(before) = before {
+                        contacts.leave(&before, touching.world().stored_energy());
+                        contacts.note_ends(time, touching.continue_from(&before));
+                    }
                     robot.set_touching(Some(touching));
                 }
                 Err(problem) => {
-                    contacts.refused = Some(ids().collect());
+                    if let Some(before) = before {
+                        contacts.leave(&before, 0.0);
+                    }
+                    contacts.refused = Some((ids().collect(), held));
                     contacts.failure = Some(problem);
-                    robot.set_touching(None);
                 }
             }
         }
     }
 
     /// Before a step: takes over states and inputs that were changed from outside since the last step.
-    pub(super) fn prepare_contact(&mut self) {
-        self.renew_contact();
+    pub(super) fn prepare_contact(&mut self, time: f64) {
+        self.renew_contact(time);
         let touching = self.robot.rigid_mut().and_then(RigidRobot::touching_mut);
         if let Some(touching) = touching {
             for (system, i) in touching.free_targets() {

@@ -319,6 +319,14 @@ impl Captured {
         self.joined.model.frame(&format!("{}{name}", self.prefix))
     }
 
+    /// How fast the robot's frame turns in the target by a ball joint: norm of the rates of the joint's angles \[rad/s\]; `None` for
+    /// a weld.
+    pub fn ball_joint_rate(&self) -> Option<f64> {
+        let rates = self.joined.connection.iter();
+        let square: f64 = rates.map(|j| self.floating.state().qd[*j].powi(2)).sum();
+        (!self.joined.connection.is_empty()).then_some(square.sqrt())
+    }
+
     /// Whether grasps form closed loops.
     pub fn has_loops(&self) -> bool {
         !self.second.is_empty()

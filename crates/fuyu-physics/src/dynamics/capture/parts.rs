@@ -152,7 +152,8 @@ impl Captured {
     }
 
     /// As [`Self::step_with`], but `step` moves the joined system: with other bodies that it touches, for example. It is given
-    /// the forces at every stage. The axes of a spherical joint stay ([`Self::choose_axes_if_tilted`]).
+    /// the forces at every stage. The axes of a spherical joint stay: between two calls the joint may turn by half a radian at most, and
+    /// [`Self::choose_axes_if_tilted`] must be called.
     ///
     /// # Panics
     /// If `input` is that of another robot.

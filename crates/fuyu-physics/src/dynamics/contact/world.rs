@@ -300,9 +300,10 @@ impl ContactWorld {
         })
     }
 
-    /// The points at which bodies touch now.
+    /// The points at which bodies touch now. Pairs whose contact is ignored have none.
     pub fn contacts(&self) -> impl Iterator<Item = ContactPoint> + '_ {
-        self.scene.pairs.iter().flat_map(move |pair| {
+        let acting = self.scene.pairs.iter().filter(|pair| !pair.is_suspended);
+        acting.flat_map(move |pair| {
             let points = self.scene.points[pair.points.clone()].iter();
             points
                 .filter(|point| point.touch.gap < 0.0)

@@ -20,8 +20,17 @@ const ROD: &str = r#"<link name="rod"><inertial><origin xyz="0 0.01 0.4"/><mass 
 const ROCK: &str = r#"<link name="rock"><inertial><mass value="5"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
     <collision><geometry><sphere radius="0.2"/></geometry></collision></link>"#;
 
+/// A rod that hangs on the hand by a ball joint, and swings towards the arm.
+const SWINGING: &str = "    targets: [rod]\n    rod:\n      urdf: rod.urdf\n      position: [1.3, 0.0, 0.0]\n      angular_velocity: [0.1, -0.9, 0.0]\n    \
+         grasps: [hold]\n    hold:\n      frame: hand\n      target: rod\n      kind: ball\n      at: 0.0\n";
+
 /// A world of a robot with these links and further parameters of the dynamics node, in ticks of a millisecond.
 fn world(links: &str, more: &str) -> World {
+    world_at(1000.0, links, more)
+}
+
+/// The same with ticks of another rate \[Hz\].
+fn world_at(rate: f64, links: &str, more: &str) -> World {
     let folder = tempfile::tempdir().unwrap();
     let parts = [
         ("robot", links),
@@ -34,7 +43,7 @@ fn world(links: &str, more: &str) -> World {
         std::fs::write(folder.path().join(format!("{name}.urdf")), text).unwrap();
     }
     let text = format!(
-        "dynamics:\n  ros__parameters:\n    urdf: robot.urdf\n    state_rate: 1000.0\n    time_step: 0.001\n    integrator: dop8\n    \
+        "dynamics:\n  ros__parameters:\n    urdf: robot.urdf\n    state_rate: {rate:.1}\n    time_step: 0.001\n    integrator: dop8\n    \
          contact:\n      stiffness: 2.0e3\n      friction: 0.4\n      stiction_speed: 0.05\n      dissipation: 1.0\n    \
          wrist:\n      joint: wrist\n{more}"
     );
@@ -136,11 +145,7 @@ fn momentum_beyond(world: &World) -> [Vector3<f64>; 2] {
 // held body with the robot is left out, acts on one of them only, or ends with the choice of axes.
 #[test]
 fn what_is_held_touches_the_robot() {
-    let mut world = world(
-        ARM,
-        "    targets: [rod]\n    rod:\n      urdf: rod.urdf\n      position: [1.3, 0.0, 0.0]\n      angular_velocity: [0.1, -0.9, 0.0]\n    \
-         grasps: [hold]\n    hold:\n      frame: hand\n      target: rod\n      kind: ball\n      at: 0.0\n",
-    );
+    let mut world = world(ARM, SWINGING);
     assert_eq!(world.held_target(), Some("rod"));
     let [P, L] = momentum(&world);
     let energy = |world: &World| {
@@ -199,4 +204,52 @@ fn what_is_held_touches_the_robot() {
         );
     }
     assert!(in_contact > 20, "{in_contact}");
+}
+
+// With ticks in which the joint turns by more than its axes allow. Fails if its axes are chosen once a tick.
+#[test]
+fn the_axes_of_a_ball_joint_are_chosen_in_time_whatever_the_tick() {
+    let mut fine = world(ARM, SWINGING);
+    let mut coarse = world_at(0.5, ARM, SWINGING);
+    for k in 1..=3 {
+        step(&mut coarse);
+        for _ in 0..2000 {
+            step(&mut fine);
+        }
+        assert!((fine.time() - coarse.time()).abs() < 1e-9);
+        let [a, b] = [&fine, &coarse].map(|world| world.robot.state());
+        let [m, n] = [&fine, &coarse].map(|world| world.targets[0].body.state());
+        let off = (&a.q - &b.q).norm() + (m.p_WC - n.p_WC).norm();
+        assert!(off < 1e-6, "{off:e} after {k} ticks");
+    }
+    assert_eq!(what(&fine), what(&coarse));
+    assert!(what(&fine).len() >= 2);
+}
+
+// The hand overlaps with the ball from before a grasp until after it is released; everything is at rest. Fails if contact of the two
+// begins at their full depth when contact is set up again.
+#[test]
+fn what_overlaps_is_not_pushed_apart_when_a_grasp_closes_and_opens() {
+    let hand = r#"<inertial><origin xyz="0.1 0.02 0"/>"#;
+    let shape = r#"<collision><origin xyz="0.2 0 0"/><geometry><sphere radius="0.1"/></geometry></collision>"#;
+    let links = ARM.replacen(hand, &format!("{shape}{hand}"), 1);
+    assert!(links.len() > ARM.len());
+    let mut world = world(
+        &links,
+        "    targets: [rock, ball]\n    rock:\n      urdf: rock.urdf\n      position: [0.0, 5.0, 0.0]\n    ball:\n      urdf: ball.urdf\n      \
+         position: [1.6, 0.0, 0.0]\n    grasps: [hold]\n    hold:\n      frame: hand\n      target: ball\n      \
+         target_position: [-0.3, 0.0, 0.0]\n      at: 0.0\n      release_at: 0.2505\n",
+    );
+    for k in 0..500 {
+        step(&mut world);
+        assert_eq!(world.held_target().is_some(), k < 250, "{k}");
+        if k == 300 {
+            // Contact is set up again, because there is another body.
+            world.targets.remove(0);
+        }
+        let moved = world.targets.last().unwrap().body.state().momentum_W;
+        assert!(moved.linear.norm() < 1e-12, "{moved:?} after tick {k}");
+        assert_eq!(world.contact_points().count(), 0);
+    }
+    assert!(what(&world).is_empty(), "{:?}", what(&world));
 }
