@@ -252,7 +252,7 @@ impl Touching {
             return;
         }
         self.input.copy_from(robot.input());
-        self.add_wrenches(robot);
+        self.world.add_wrenches(0, robot.input_mut());
         robot.accelerations();
         robot.input_mut().copy_from(&self.input);
     }

@@ -134,7 +134,10 @@ impl World {
         let Some(robot) = self.robot.rigid_mut() else {
             return Ok(());
         };
-        contacts.contacts.check_pairs(robot, &self.targets)?;
+        if robot.held().is_some() {
+            // What is held now may be free later.
+            contacts.contacts.check_pairs(robot, &self.targets)?;
+        }
         if robot.has_second_grasp() {
             return Ok(());
         }
