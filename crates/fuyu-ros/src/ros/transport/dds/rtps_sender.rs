@@ -6,7 +6,7 @@ use rustdds::{
     DomainParticipant, GUID, RTPSEntity, SequenceNumber, Timestamp, rpc::SampleIdentity,
 };
 use std::{
-    io,
+    io, iter,
     net::{Ipv4Addr, SocketAddr, UdpSocket},
     thread,
     time::Duration,
@@ -40,13 +40,19 @@ const LOOPBACK: usize = 65_488;
 const DATAGRAM_HEADERS: usize = 48;
 const ETHERNET: usize = 1_500;
 
-/// Bytes of a sample in one datagram; with all headers it fits into an Ethernet frame.
+/// Bytes of a sample in one datagram to another computer; with all headers it fits into an Ethernet frame.
 const FRAGMENT: u16 = 1024;
+/// Bytes of a sample in one datagram within this computer. The receive buffer of a socket counts the memory of each datagram,
+/// twice its length for the short ones to other computers.
+const FRAGMENT_WITHIN_COMPUTER: u16 = 16 * 1024;
 
-/// Fragments that are sent without a pause: the receive buffer of a peer has 200 kB by default.
-const BURST: usize = 64;
-/// Pause after them.
-const PAUSE: Duration = Duration::from_millis(2);
+/// Payload that is sent without a pause \[bytes\]: the receive buffer of a peer has 200 kB by default.
+const BURST: usize = 64 * 1024;
+/// Pause after it: on a busy computer a peer waits for several time slices of others before it empties the buffer.
+const PAUSE: Duration = Duration::from_millis(10);
+/// How often a reply of several bursts is sent: a fragment that is lost once is not requested by anybody, and a peer ignores
+/// those that it has.
+const ROUNDS: usize = 2;
 
 /// The smallest MTU of this computer's interfaces, at most that of Ethernet \[bytes\]. Tunnels and networks of clouds have
 /// smaller ones than Ethernet.
@@ -173,7 +179,6 @@ impl RtpsSender {
         request: SampleIdentity,
         cdr: &[u8],
     ) {
-        let published = Timestamp::now();
         for found in self.participant.discovered_readers() {
             let proxy = &found.reader_proxy;
             let guid = proxy.remote_reader_guid;
@@ -186,22 +191,47 @@ impl RtpsSender {
                 .filter(|locator| locator.is_udp())
                 .map(|locator| SocketAddr::from(*locator))
                 .collect();
-            // One address of this computer suffices.
+            // One address of this computer suffices. Another computer may have one of the same number, for containers.
             if let Some(near) = addresses.iter().find(|a| a.ip().is_loopback()) {
                 addresses = vec![*near];
+            } else if addresses.iter().all(|&a| is_of_this_computer(a)) {
+                addresses.truncate(1);
             }
-            for (index, fragment) in cdr.chunks(FRAGMENT.into()).enumerate() {
-                if index > 0 && index % BURST == 0 {
-                    thread::sleep(PAUSE);
-                }
-                let message = self.fragment(
-                    (guid, writer, number),
-                    request,
-                    published,
-                    (index, fragment, cdr.len()),
-                );
-                addresses.iter().for_each(|&to| self.send(&message, to));
+            for to in addresses {
+                self.send_fragments((guid, writer, number), request, cdr, to);
             }
+        }
+    }
+
+    /// Sends a sample in fragments to one address of a reader, without filling the receive buffer there.
+    fn send_fragments(
+        &self,
+        endpoints_and_number: (GUID, GUID, SequenceNumber),
+        request: SampleIdentity,
+        cdr: &[u8],
+        to: SocketAddr,
+    ) {
+        let published = Timestamp::now();
+        let length = if is_of_this_computer(to) {
+            FRAGMENT_WITHIN_COMPUTER
+        } else {
+            FRAGMENT
+        };
+        let burst = BURST / usize::from(length);
+        let rounds = if cdr.len() > BURST { ROUNDS } else { 1 };
+        let fragments = cdr.chunks(length.into()).enumerate();
+        let all = iter::repeat_n(fragments, rounds).flatten();
+        for (sent, (index, fragment)) in all.enumerate() {
+            if sent > 0 && sent % burst == 0 {
+                thread::sleep(PAUSE);
+            }
+            let message = self.fragment(
+                endpoints_and_number,
+                request,
+                published,
+                (index, length, fragment, cdr.len()),
+            );
+            self.send(&message, to);
         }
     }
 
@@ -253,7 +283,7 @@ impl RtpsSender {
         (reader, writer, number): (GUID, GUID, SequenceNumber),
         request: SampleIdentity,
         published: Timestamp,
-        (index, fragment, sample_size): (usize, &[u8], usize),
+        (index, length, fragment, sample_size): (usize, u16, &[u8], usize),
     ) -> Vec<u8> {
         let mut body = Vec::with_capacity(96 + fragment.len());
         // Extra flags, and the offset of the inline QoS.
@@ -263,7 +293,7 @@ impl RtpsSender {
         body.extend(number_bytes(number.into()));
         body.extend((index as u32 + 1).to_le_bytes());
         body.extend(1_u16.to_le_bytes());
-        body.extend(FRAGMENT.to_le_bytes());
+        body.extend(length.to_le_bytes());
         body.extend((sample_size as u32).to_le_bytes());
         for id in RELATED_SAMPLE_IDENTITY {
             body.extend(id.to_le_bytes());
@@ -282,6 +312,15 @@ impl RtpsSender {
         submessage(&mut message, DATA_FRAG, &body);
         message
     }
+}
+
+/// Whether datagrams to `address` stay within this computer: their source is then the same address.
+fn is_of_this_computer(address: SocketAddr) -> bool {
+    let source = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).and_then(|socket| {
+        socket.connect(address)?;
+        socket.local_addr()
+    });
+    address.ip().is_loopback() || source.is_ok_and(|source| source.ip() == address.ip())
 }
 
 fn submessage(message: &mut Vec<u8>, kind_and_flags: [u8; 2], body: &[u8]) {
