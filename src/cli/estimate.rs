@@ -11,7 +11,7 @@ use super::{Failure, print};
 use crate::{
     estimation::{
         Estimated, EstimationMethod, Tracks,
-        bundle::{self, CameraMotion, KnownLength, Orbit, Widths},
+        bundle::{self, CameraMotion, KnownLength, MeasuredRange, Orbit, Widths},
         estimate, fit_rates, from_rates,
     },
     experiments::{Observations, ObservedTracks, Tracking},
@@ -25,7 +25,7 @@ use crate::{
 /// tracks: s, a whole number, px with pixel centres at integers) or t,wx,wy,wz (angular velocity in the camera's
 /// axes: s, rad/s). All results are in the camera's axes at the last frame. What disturbs a free rotation before a
 /// calibrated camera (torques, errors of gyro and calibration) is estimated as well, with the prior widths that the
-/// options give.
+/// options give. Clouds of points on `camera/points` of a bag give the scale of lengths.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Bag (folder or .mcap file), CSV file, or with --track a folder of PNG files
@@ -220,6 +220,8 @@ fn from_angular_velocities(args: &Args, rates: &[(f64, Vector3<f64>)]) -> Result
         R_IC: UnitQuaternion::identity(),
         input: format!("{} angular velocities", rates.len()),
         unit: "rad/s",
+        ranges: Vec::new(),
+        ignored_clouds: None,
     })
 }
 
@@ -291,6 +293,10 @@ struct Found {
     input: String,
     /// Unit of the residual.
     unit: &'static str,
+    /// Distances of points from the camera, in the recording.
+    ranges: Vec<MeasuredRange>,
+    /// Why clouds of points in the recording were ignored, if any were.
+    ignored_clouds: Option<String>,
 }
 
 fn from_tracks(args: &Args, observed: &ObservedTracks) -> Result<Found, Failure> {
@@ -352,6 +358,8 @@ fn from_tracks(args: &Args, observed: &ObservedTracks) -> Result<Found, Failure>
             EstimationMethod::Masutani1995 | EstimationMethod::MaximumLikelihood => "rad/s",
         },
         estimated,
+        ranges: observed.ranges.clone(),
+        ignored_clouds: observed.ignored_clouds.clone(),
     })
 }
 

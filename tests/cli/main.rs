@@ -9,6 +9,7 @@ mod control;
 mod elastic_links;
 mod estimate;
 mod estimate_bad_input;
+mod estimate_scale;
 mod examples;
 mod excitations;
 mod flexible;

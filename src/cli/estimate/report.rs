@@ -148,13 +148,15 @@ impl Report {
                     "--distance and --range need feature tracks and --method bundle".to_owned(),
                 ));
             }
-            _ => None,
+            (None, Some(solution)) => solution.scale_of_ranges(&found.ranges),
+            (None, None) => None,
         };
+        notes.extend(found.ignored_clouds.clone());
         if let Some(solution) = solution {
             if scale.is_none() {
                 notes.push(
                     "the scale is not determined: lengths are in units of the body's depth; give one distance between two \
-                     points (--distance) or the range of one (--range)"
+                     points (--distance), the range of one (--range), or clouds of points on camera/points in a bag"
                         .to_owned(),
                 );
             }

@@ -1,18 +1,18 @@
-//! Observations from a bag: `camera/features`, or features tracked in its images, with the camera's calibration, and the base's gyro with the mounting of
-//! the camera.
+//! Observations from a bag: `camera/features`, or features tracked in its images, with the camera's calibration, the base's gyro with the mounting of
+//! the camera, and clouds of points.
 
 use std::{collections::BTreeMap, path::Path};
 
 use nalgebra::Vector3;
 
-use super::{ObservedTracks, Tracking, masks::Masks};
+use super::{ObservedTracks, Tracking, clouds::RangeReader, masks::Masks};
 use crate::{
     bag::{Bag, BagError, Message},
     control::StampPairs,
     estimation::Tracks,
     msg::{
         fuyu_msgs::FeatureTracks,
-        sensor_msgs::{CameraInfo, CompressedImage, Image, Imu},
+        sensor_msgs::{CameraInfo, CompressedImage, Image, Imu, PointCloud2},
     },
     nodes::{
         estimator::{StaticRotations, variance_of},
@@ -25,6 +25,7 @@ use crate::{
 };
 
 const FEATURES: &str = "/camera/features";
+const POINTS: &str = "/camera/points";
 const SEGMENTATION: &str = "/camera/segmentation";
 
 /// Reads the features of the one camera in a bag, or tracks them in its images.
@@ -92,6 +93,7 @@ pub(super) fn read(path: &Path, tracking: Option<&Tracking>) -> Result<ObservedT
         (Some((namespace, robot)), None) => {
             let rates = robot.camera_rates(&frames);
             let gyro_noise = robot.gyro_noise();
+            let (ranges, ignored_clouds) = robot.ranges.finish();
             let tracks = Tracks::new(robot.frames);
             Ok(ObservedTracks {
                 tracks: tracks.map_err(|e| at(format!("{namespace}{FEATURES}: {e}")))?,
@@ -99,6 +101,8 @@ pub(super) fn read(path: &Path, tracking: Option<&Tracking>) -> Result<ObservedT
                 distortion: robot.distortion,
                 gyro_noise,
                 w_WC_C: rates,
+                ranges,
+                ignored_clouds: ignored_clouds.map(|why| format!("{namespace}{POINTS}: {why}")),
             })
         }
     }
@@ -123,6 +127,7 @@ struct Recorded {
     /// Images and masks that wait for each other.
     pairs: StampPairs<Time, Image, Grey>,
     has_masks: bool,
+    ranges: RangeReader,
 }
 
 /// How images are tracked.
@@ -158,15 +163,22 @@ impl<'a> Through<'a> {
 
 type Take = fn(&mut Recorded, &Message) -> Result<(), String>;
 
-const TOPICS: [(&str, Take); 3] = [
+const TOPICS: [(&str, Take); 4] = [
     (FEATURES, |robot, message| {
         let features: FeatureTracks = decode(message)?;
         let frame = feature_frame_from_msg(&features)?;
         // A state that was published twice is in the bag twice.
         if robot.frames.last().is_none_or(|last| *last != frame) {
             robot.frames.push(frame);
+            robot.measure_ranges();
         }
         robot.camera_frame = features.header.frame_id;
+        Ok(())
+    }),
+    (POINTS, |robot, message| {
+        let cloud: PointCloud2 = decode(message)?;
+        robot.ranges.take(&cloud, &robot.camera_frame);
+        robot.measure_ranges();
         Ok(())
     }),
     ("/camera/camera_info", |robot, message| {
@@ -267,9 +279,18 @@ impl Recorded {
         self.last_image = Some(time);
         if !features.ids.is_empty() {
             self.frames.push(feature_frame_from_msg(&features)?);
+            self.measure_ranges();
         }
         self.camera_frame = features.header.frame_id;
         Ok(())
+    }
+
+    /// Measures the distances of features, once the camera is known.
+    fn measure_ranges(&mut self) {
+        if let Some(camera) = &self.camera {
+            let lens = self.distortion.as_ref();
+            self.ranges.measure(&self.frames, camera, lens);
+        }
     }
 
     /// Random walk of the integrated gyro: the samples' deviation times the root of their interval \[rad/√s\].

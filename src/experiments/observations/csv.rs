@@ -151,6 +151,8 @@ fn tracks(
         distortion: None,
         w_WC_C: Vec::new(),
         gyro_noise: None,
+        ranges: Vec::new(),
+        ignored_clouds: None,
     }))
 }
 

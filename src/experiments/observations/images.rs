@@ -58,6 +58,8 @@ pub(super) fn read(folder: &Path, tracking: &Tracking) -> Result<ObservedTracks,
         distortion: None,
         w_WC_C: Vec::new(),
         gyro_noise: None,
+        ranges: Vec::new(),
+        ignored_clouds: None,
     })
 }
 

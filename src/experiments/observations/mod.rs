@@ -1,6 +1,7 @@
 //! Observations of a tumbling body, from a bag or a CSV file.
 
 mod bag;
+mod clouds;
 mod csv;
 mod images;
 mod masks;
@@ -14,7 +15,7 @@ use std::{
 use nalgebra::Vector3;
 
 use crate::{
-    estimation::Tracks,
+    estimation::{Tracks, bundle::MeasuredRange},
     nodes::tracker::TrackerParams,
     vision::{Distortion, Pinhole},
 };
@@ -55,6 +56,10 @@ pub struct ObservedTracks {
     pub w_WC_C: Vec<(f64, Vector3<f64>)>,
     /// Random walk of the integrated gyro \[rad/√s\], from the covariance that its messages give.
     pub gyro_noise: Option<f64>,
+    /// Distances of points from the camera, from the clouds of points of a bag.
+    pub ranges: Vec<MeasuredRange>,
+    /// Why clouds of points were ignored, if any were.
+    pub ignored_clouds: Option<String>,
 }
 
 impl ObservedTracks {

@@ -18,6 +18,7 @@ mod solver;
 pub use camera_attitude::{CameraAttitude, StaticRotations, variance_of};
 pub use messages::Snapshot;
 pub use params::EstimatorParams;
+pub(crate) use ranges::Ranges;
 
 use std::time::{Duration, Instant};
 

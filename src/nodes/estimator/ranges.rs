@@ -73,6 +73,11 @@ impl Ranges {
         Ok(())
     }
 
+    /// From which time on frames are needed, for the oldest cloud that waits for one \[s\].
+    pub fn frames_needed_from(&self) -> Option<f64> {
+        self.waiting.front().map(|cloud| cloud.time - LONGEST)
+    }
+
     /// Measures the features of the frames nearest to the waiting clouds. Returns the number of features in the last cloud
     /// that was used.
     pub fn measure(&mut self, frames: &[FeatureFrame], camera: &Pinhole) -> Option<usize> {
