@@ -225,7 +225,7 @@ fn from_angular_velocities(args: &Args, rates: &[(f64, Vector3<f64>)]) -> Result
     })
 }
 
-/// Prior widths from the options.
+/// Prior standard deviations from the options.
 fn widths(args: &Args) -> Widths {
     Widths {
         acceleration: args.disturbance,
@@ -241,9 +241,9 @@ fn widths(args: &Args) -> Widths {
         path: args
             .orbital_rate
             .map_or(Widths::default().path, |n| match args.radial.is_empty() {
-                // The gradient of gravity is at most twice n² times the distance.
+                // The gravity gradient is at most 2 n² times the distance.
                 true => 2.0 * n * n,
-                // The orbit is known; what remains are other forces.
+                // The orbit is known: only other forces remain.
                 false => 0.1 * n * n,
             }),
         ..Widths::default()
@@ -283,7 +283,7 @@ fn input(args: &Args, problem: impl std::fmt::Display) -> Failure {
     Failure::Input(format!("{}: {problem}", args.input.display()))
 }
 
-/// An estimate, with the camera's attitude and a description of the input.
+/// An estimate with the camera's attitude and information on the input.
 struct Found {
     estimated: Estimated,
     /// Time of the last observation \[s\].
@@ -293,9 +293,9 @@ struct Found {
     input: String,
     /// Unit of the residual.
     unit: &'static str,
-    /// Distances of points from the camera, in the recording.
+    /// Distances of points from the camera, measured in the recording.
     ranges: Vec<MeasuredRange>,
-    /// Why clouds of points in the recording were ignored, if any were.
+    /// Why point clouds in the recording were ignored, if any were.
     ignored_clouds: Option<String>,
 }
 
@@ -377,7 +377,7 @@ fn describe(tracks: &Tracks, duration: f64, at_rest: bool) -> String {
     )
 }
 
-/// The recording's calibration, with the values given as arguments instead of its own.
+/// The camera model: given arguments replace the values of the recording's calibration.
 fn camera(args: &Args, recorded: Option<Pinhole>) -> Result<Pinhole, Failure> {
     let missing = |name: &str| {
         input(

@@ -1,4 +1,4 @@
-//! Joint values on the command line: one for each joint, or some by name.
+//! Joint values on the command line: for all joints in order, or for some by name.
 
 use nalgebra::DVector;
 
@@ -8,9 +8,9 @@ use crate::model::Model;
 /// Values given as `1,-2,3e-1`, or as `elbow=1,wrist=-2`.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum JointValues {
-    /// For all joints, in their order.
+    /// Values for all joints, in their order.
     All(Vec<f64>),
-    /// For the joints with these names.
+    /// Values for the joints with these names.
     Named(Vec<(String, f64)>),
 }
 
@@ -40,10 +40,10 @@ impl std::str::FromStr for JointValues {
     }
 }
 
-/// The values of all joints; those that are not given are zero.
+/// The values of all joints; joints without a value get zero.
 ///
 /// # Errors
-/// [`Failure::Input`] for a wrong number of values, and for a name that is unknown, given twice, or that of a mimic joint.
+/// [`Failure::Input`] for a wrong number of values, or a name that is unknown, repeated, or that of a mimic joint.
 pub(super) fn vector(
     option: &str,
     values: Option<&JointValues>,

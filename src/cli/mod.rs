@@ -54,7 +54,7 @@ enum Command {
 }
 
 impl Command {
-    /// `ros_args` is `--ros-args` and what follows it.
+    /// `ros_args` is `--ros-args` and the arguments after it.
     fn run(self, ros_args: Vec<String>) -> Result<(), Failure> {
         match self {
             Self::Launch(args) => launch::run(&args, ros_args),
@@ -75,7 +75,7 @@ impl Command {
     }
 }
 
-/// Why a command failed. Printed on stderr, one line per problem.
+/// Reason for the failure of a command. Printed on stderr, one line per problem.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
     /// Invalid input: a file, a value, a name. Exit code 2.
@@ -98,10 +98,10 @@ impl Failure {
     }
 }
 
-/// Runs the command given by the process's arguments and returns its exit code (0 done, 1 ran but a check failed, 2
+/// Runs the command given by the process's arguments. Returns its exit code (0 done, 1 ran but a check failed, 2
 /// invalid input).
 pub fn main() -> ExitCode {
-    // Paths need not be UTF-8.
+    // Paths may be invalid UTF-8.
     let mut args: Vec<OsString> = std::env::args_os().collect();
     let ros_args = match args.iter().position(|arg| arg == "--ros-args") {
         Some(at) => args.split_off(at),
@@ -134,8 +134,8 @@ fn no_ros_args() -> Failure {
     Failure::Input(text.to_owned())
 }
 
-/// Reads and compiles a robot description: a path, or `package://PACKAGE/PATH`, which is also searched for in
-/// `packages`. Repairs are warnings on stderr; with `strict`, errors.
+/// Reads and compiles a robot description: a path, or `package://PACKAGE/PATH`, also searched for in `packages`.
+/// Repairs are reported as warnings on stderr; with `strict`, as errors.
 fn read_model(path: &Path, packages: &[PathBuf], strict: bool) -> Result<Model, Failure> {
     let name = path.to_str().ok_or_else(|| {
         let path = path.display();
@@ -236,7 +236,7 @@ mod tests {
         command.get_subcommands_mut().for_each(check);
     }
 
-    // clap checks the first only in debug builds, by a panic.
+    // clap checks short options only in debug builds, by a panic.
     #[test]
     fn every_short_option_has_one_meaning_and_help_is_plain_text() {
         check(&mut Cli::command());

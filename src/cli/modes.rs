@@ -34,13 +34,13 @@ pub struct Args {
 /// Output of `--json`.
 #[derive(Debug, Serialize)]
 struct Report {
-    /// By name.
+    /// Modes of the appendages by name.
     appendages: BTreeMap<String, AppendageModes>,
-    /// With the base free and joints and wheels locked, undamped, ascending \[Hz\].
+    /// Frequencies with the base free and joints and wheels locked, undamped, ascending \[Hz\].
     frequencies: Vec<f64>,
-    /// From three torques on the base to its attitude \[Hz\], ascending.
+    /// Transmission zeros from three torques on the base to its attitude \[Hz\], ascending.
     zeros: Vec<f64>,
-    /// Of the attitude loop with the law of the scenario, in continuous time, with joints locked: real and imaginary
+    /// Poles of the attitude loop with the scenario's law, in continuous time with joints locked: real and imaginary
     /// part \[rad/s\].
     #[serde(skip_serializing_if = "Option::is_none")]
     poles: Option<Vec<[f64; 2]>>,
@@ -49,20 +49,20 @@ struct Report {
 /// Modes of an appendage with its attachment held, each value in the order of `modes`.
 #[derive(Debug, Serialize)]
 struct AppendageModes {
-    /// Their names.
+    /// Names of the modes.
     modes: Vec<String>,
-    /// \[Hz\].
+    /// Frequencies \[Hz\].
     frequencies: Vec<f64>,
     /// Damping ratios.
     damping: Vec<f64>,
-    /// For each mode force x, y, z and torque x, y, z.
+    /// Force x, y, z and torque x, y, z for each mode.
     participation: Vec<[f64; 6]>,
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure::Input`] for an invalid scenario, a robot without appendages, or wrong joint positions.
+/// [`Failure::Input`] for an invalid scenario, a robot without appendages, or invalid joint positions.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let scenario = Scenario::read(&args.scenario).map_err(Failure::Input)?;
     let at = |e: String| Failure::Input(format!("{}: {e}", scenario.path().display()));

@@ -72,7 +72,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             report.save(folder).map_err(Failure::Runtime)?;
         }
         if !args.json {
-            // Print each report as soon as it is complete.
+            // Print each report when it is complete.
             let gap = if reports.is_empty() { "" } else { "\n" };
             print(&format!("{gap}{}", report.table()))?;
         }

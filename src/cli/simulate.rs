@@ -60,7 +60,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let start = Instant::now();
     let observed = simulation::simulate(&mut fleet, duration, bag.as_mut(), |_, _| Ok(()));
     let wall_time = start.elapsed().as_secs_f64();
-    // A run that has stopped is in the bag up to there.
+    // The bag contains a run that stopped early up to that point.
     let finished = bag.map(|bag| bag.finish().map_err(|e| Failure::Runtime(e.to_string())));
     let observed = observed.map_err(|stop| Failure::Runtime(stop.describe(&scenario)))?;
     for warning in warnings(&scenario, &fleet, &observed) {
@@ -78,7 +78,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     check_missions(&scenario, &fleet, args.duration.is_some())
 }
 
-/// Fails if a mission did not capture its target; unless it has not ended in a run that was made shorter.
+/// An error if a mission did not capture its target, unless it is unfinished because the run was shortened.
 fn check_missions(scenario: &Scenario, fleet: &Fleet, is_shorter: bool) -> Result<(), Failure> {
     for (i, (_, closed_loop)) in fleet.robots().enumerate() {
         let Some(capturing) = closed_loop.capturing() else {
@@ -99,7 +99,7 @@ fn check_missions(scenario: &Scenario, fleet: &Fleet, is_shorter: bool) -> Resul
     Ok(())
 }
 
-/// A table per robot, headed by its namespace; by `scenario` if there is only one.
+/// A table per robot, headed by its namespace, or by `scenario` if there is only one robot.
 fn text(scenario: &str, fleet: &Fleet, observed: &[Observed], summaries: &[Summary]) -> String {
     let runs = fleet.robots().zip(summaries).zip(observed);
     let tables = runs.map(|(((namespace, closed_loop), summary), observed)| {

@@ -6,7 +6,7 @@ use std::fmt::Write;
 /// Longest name in a table \[characters\].
 const LONGEST: usize = 100;
 
-/// A name of a file's as a table shows it: in one line without control characters, cut if it is very long.
+/// A name from a file for display in a table: on one line, without control characters, cut if very long.
 pub(super) fn shown(name: &str) -> String {
     let plain = |c: char| if c.is_control() { '\u{fffd}' } else { c };
     let mut text: String = name.chars().take(LONGEST).map(plain).collect();

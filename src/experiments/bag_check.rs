@@ -19,7 +19,7 @@ use crate::msg::fuyu_msgs::MissionState;
 pub struct CheckLimits {
     /// Change of momentum, relative to the initial momentum or the sum over the bodies.
     pub momentum: f64,
-    /// Energy that the balance does not explain, relative to the energy exchanged. The default cannot be smaller, because
+    /// Energy that the balance does not explain, relative to the energy exchanged. The default cannot be smaller, since
     /// changes of efforts between samples are not recorded.
     pub energy: f64,
     /// Final distance of the tip from its goal \[m\].
@@ -55,14 +55,14 @@ pub enum Verdict {
     Failed,
     /// The bag lacks the data.
     Skipped,
-    /// For information only.
+    /// Information only.
     Noted,
 }
 
 /// One line of the report.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CheckLine {
-    /// Name of the check, with the robot's namespace in front if it has one.
+    /// Name of the check, prefixed with the robot's namespace if it has one.
     pub name: String,
     /// Result.
     pub verdict: Verdict,
@@ -81,7 +81,7 @@ pub struct CheckLine {
 pub struct CheckReport {
     /// The bag.
     pub bag: String,
-    /// Whether all checks passed or were skipped.
+    /// Whether no check failed.
     pub passed: bool,
     /// The checks.
     pub checks: Vec<CheckLine>,
@@ -225,7 +225,7 @@ impl Report {
         }
     }
 
-    /// A target that something has touched: what that has changed of the robot is part of the robot's checks.
+    /// Skips the balances of a target that was touched: they are part of the robot's checks.
     fn touched(&mut self) {
         let names = [
             "linear momentum",
@@ -241,7 +241,7 @@ impl Report {
         }
     }
 
-    /// Momentum computed from recorded velocities, independent of `ground_truth/momentum`.
+    /// Checks the momentum computed from recorded velocities, independent of `ground_truth/momentum`.
     fn momentum_from_motion(&mut self, run: &RecordedRun, limits: &CheckLimits) {
         const NAME: &str = "momentum from velocities";
         let moved = match motion_momentum(run) {
@@ -262,7 +262,7 @@ impl Report {
         );
     }
 
-    /// Kinetic and strain energy compared with the work of joint efforts and wheel torques.
+    /// Checks kinetic and strain energy against the work of joint efforts and wheel torques.
     fn energy(&mut self, run: &RecordedRun, limits: &CheckLimits) {
         const NAME: &str = "energy balance";
         let balance = match energy_balance(run) {
@@ -301,7 +301,8 @@ impl Report {
         }
     }
 
-    /// The phases of a mission, and how it ended. `is_last`: a run that was ended by a reset need not have got to an end.
+    /// Lists the phases of a mission and its result. Unless `is_last`, the run was ended by a reset and may be
+    /// unfinished.
     fn mission(&mut self, run: &RecordedRun, mission: &MissionState, is_last: bool) {
         let phases = phases(mission);
         for (i, phase) in phases.iter().enumerate() {
@@ -338,7 +339,7 @@ impl Report {
         }
     }
 
-    /// `is_last`: a run that was ended by a reset need not have arrived.
+    /// Checks the final tip error. Unless `is_last`, the run was ended by a reset and may be unfinished.
     fn tip_error(&mut self, run: &RecordedRun, limits: &CheckLimits, is_last: bool) {
         let errors = final_errors(run);
         if errors.is_empty() {
@@ -504,7 +505,7 @@ mod tests {
         }
     }
 
-    // Would break if momentum that was given from outside, or that another body of the same name has, counted as gained.
+    // Would break if momentum given from outside, or that of another body of the same name, counted as a residual.
     #[test]
     fn a_target_that_is_moved_or_replaced_begins_another_run() {
         let scenario = Scenario::read("package://fuyu/config/positioning.yaml").unwrap();
@@ -545,7 +546,7 @@ mod tests {
             writer.write_message(described, log, &text).unwrap();
             world.targets = vec![target];
             for _ in 0..30 {
-                // Once as it is, once again for late joiners.
+                // Once as a new state, and once repeated for late joiners.
                 state(&mut writer, &world);
                 state(&mut writer, &world);
                 world.step_to_tick();

@@ -16,10 +16,10 @@ use crate::model::JointKind;
 use crate::nodes::estimator::StaticRotations;
 use crate::spatial::roll_pitch_yaw_intrinsic;
 
-/// Residuals of exactly zero are drawn at this value on a logarithmic axis, below all rounding.
+/// Residuals of exactly zero are drawn at this value on a logarithmic axis, below all rounding errors.
 const RESIDUAL_FLOOR: f64 = 1e-17;
 
-/// Draws every plot for which the bag has data into `folder`; returns the paths, empty without data.
+/// Draws every plot for which the bag has data into `folder`. Returns the paths; empty without data.
 ///
 /// # Errors
 /// [`ChartError`] if a file cannot be written.
@@ -74,7 +74,7 @@ pub fn plot_bag(bag: &Bag, folder: &Path) -> Result<Vec<PathBuf>, ChartError> {
     Ok(paths)
 }
 
-/// Whose pictures they are: namespace and, in a bag with several runs, number of the run.
+/// Origin of a plot's data: namespace and, in a bag with several runs, number of the run.
 struct Place {
     title: String,
     stem: String,
@@ -96,7 +96,7 @@ impl Place {
         Self { title, stem }
     }
 
-    /// The stem of a plot's file names; adds the place to the title.
+    /// Returns the stem of a plot's file names, and adds namespace and run to the title.
     fn entitle(&self, name: &str, title: &mut String) -> String {
         title.insert_str(0, &self.title);
         format!("{}{name}", self.stem)
@@ -128,7 +128,7 @@ impl Estimations {
         });
     }
 
-    /// The estimations that are not empty.
+    /// Namespaces and runs with estimates.
     fn places(&self) -> impl Iterator<Item = (Place, &RecordedEstimation)> {
         self.robots.iter().flat_map(|(namespace, runs)| {
             let place = |i| Place::new(namespace, i, runs.len());

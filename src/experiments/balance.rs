@@ -8,7 +8,7 @@ use crate::{
     nodes::dynamics::{FreeBody, World},
 };
 
-/// Largest relative change of momentum.
+/// Largest relative change of momentum in a run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MomentumResidual {
     /// Linear.
@@ -18,7 +18,7 @@ pub struct MomentumResidual {
 }
 
 impl MomentumResidual {
-    /// Of a run in which it was not computed.
+    /// Value for a run in which it was not computed.
     pub(super) const UNKNOWN: Self = Self {
         linear: f64::NAN,
         angular: f64::NAN,
@@ -27,27 +27,27 @@ impl MomentumResidual {
 
 /// Momentum and energy of a free-floating body at one time.
 pub(super) struct Carried {
-    /// Momentum, less the external impulse.
+    /// Momentum minus external impulse.
     momentum_W: Momentum,
     /// Scale of the rounding errors of linear and angular momentum.
     scale: (f64, f64),
     /// Kinetic and strain energy \[J\].
     energy: f64,
-    /// Work on the body, less the dissipation by deformation and wheels \[J\].
+    /// Work on the body minus dissipation by deformation and wheels \[J\].
     supplied: f64,
-    /// \[kg\]
+    /// Mass \[kg\].
     mass: f64,
     /// Centre of mass \[m\].
     p_WC: Vector3<f64>,
 }
 
 impl Carried {
-    /// Of a target.
+    /// Momentum and energy of a target.
     pub fn of_target(body: &Floating) -> Self {
         Self::of(body, body.model().total_mass())
     }
 
-    /// Of the robot, with the targets that it can grasp or touch.
+    /// Momentum and energy of the robot and the targets that it can grasp or touch.
     pub fn of_robot(world: &World) -> Self {
         let mut carried = Self::of(&world.robot, world.robot.total_mass());
         for target in world.coupled_targets() {
@@ -72,7 +72,7 @@ impl Carried {
         }
     }
 
-    /// Adds another body: momentum becomes that about the common centre of mass.
+    /// Adds another body; angular momentum is then about the common centre of mass.
     fn add(&mut self, other: &Self) {
         let (p, mass) = (self.p_WC, self.mass + other.mass);
         self.p_WC = (p * self.mass + other.p_WC * other.mass) / mass;
@@ -102,7 +102,7 @@ pub struct Balance {
 }
 
 impl Balance {
-    /// Starts with the present state.
+    /// Starts a balance with the state `start`.
     pub(super) fn new(start: &Carried) -> Self {
         Self {
             initial_momentum: start.momentum_W,
@@ -114,7 +114,7 @@ impl Balance {
         }
     }
 
-    /// Adds the present state.
+    /// Adds the state `now`.
     pub(super) fn see(&mut self, now: &Carried) {
         let momentum = &now.momentum_W;
         let change = |a: Vector3<f64>, b: Vector3<f64>, worst| larger(worst, (a - b).norm());
@@ -125,7 +125,7 @@ impl Balance {
         self.momentum_scale.1 = larger(self.momentum_scale.1, now.scale.1);
         let unexplained = now.energy - self.initial_energy - now.supplied;
         self.energy_change = larger(self.energy_change, unexplained.abs());
-        // The energy of the common drift is constant and excluded.
+        // The energy of the common drift is constant and excluded from the scale.
         let drift = 0.5 * momentum.linear.norm_squared() / now.mass;
         self.energy_scale = larger(self.energy_scale, now.energy - drift);
     }
@@ -144,14 +144,14 @@ impl Balance {
         }
     }
 
-    /// Largest change of kinetic and strain energy minus work, plus what deformation and wheels dissipate, relative to
-    /// the largest energy in the frame of the system's centre of mass.
+    /// Largest change of kinetic and strain energy minus the net work (after dissipation by deformation and wheels),
+    /// relative to the largest energy in the frame of the system's centre of mass.
     pub fn energy_residual(&self) -> f64 {
         relative(self.energy_change, self.energy_scale)
     }
 }
 
-/// The larger of two; NaN if one is NaN.
+/// The larger value; NaN if one is NaN.
 pub(super) fn larger(a: f64, b: f64) -> f64 {
     if b > a || b.is_nan() { b } else { a }
 }

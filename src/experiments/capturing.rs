@@ -1,4 +1,4 @@
-//! A capture mission with its camera and estimator, in one thread, without DDS.
+//! A capture mission with its camera and estimator, in a single thread without DDS.
 
 use fuyu_render::Distortion as Lens;
 use nalgebra::{DVector, UnitQuaternion, Vector3};
@@ -27,7 +27,7 @@ use crate::{
     vision::{Distortion, FeatureFrame, PoseCamera, PoseFrame},
 };
 
-/// What the estimator knows of the camera's lens, as the node does by `CameraInfo`.
+/// Lens distortion as the estimator knows it; the node gets it from `CameraInfo`.
 fn calibration(lens: Option<Lens>) -> Result<Option<Distortion>, String> {
     let Some((model, d)) = lens.map(|lens| lens.model()) else {
         return Ok(None);
@@ -39,16 +39,16 @@ fn calibration(lens: Option<Lens>) -> Result<Option<Distortion>, String> {
 pub struct Capturing {
     mission: CaptureMission,
     grip: SimulatedGrip,
-    /// Index of each of the arm's joints among the robot's.
+    /// Index of each joint of the arm among the robot's joints.
     joints: Vec<usize>,
     camera: PoseCamera,
     target_camera: TargetCamera,
-    /// Distortion of its lens, for the estimator.
+    /// Lens distortion of the target camera, for the estimator.
     lens: Option<Distortion>,
     estimator: EstimationLoop,
     tip: Frame,
     optical: Frame,
-    /// Index of the target, and the grasp frame in it.
+    /// Index of the target.
     target: usize,
     X_TG: Pose,
     /// Size and focal length of the camera's image \[px\].
@@ -58,19 +58,19 @@ pub struct Capturing {
     gripper: Gripper,
     actuators: Actuators,
     pushes: bool,
-    /// How long a couple on the base acts if no other one follows \[s\].
+    /// How long a couple on the base acts without a new one \[s\].
     couple_timeout: f64,
     load: GraspLoad,
 }
 
-/// What closes and opens the grasp.
+/// How the grasp is closed and opened.
 enum SimulatedGrip {
     Automatic,
     Services,
     Fingers {
-        /// The gripper among those of the dynamics node.
+        /// Index among the dynamics node's grippers.
         index: usize,
-        /// Index of its joint among the robot's.
+        /// Index of its joint among the robot's joints.
         joint: usize,
         fingers: Fingers,
         watch: GripWatch,
@@ -111,7 +111,7 @@ impl SimulatedGrip {
         })
     }
 
-    /// Whether fingers hold something, if that is known.
+    /// Whether the fingers hold something, if known.
     fn see(&mut self, time: f64, state: &State) -> Option<bool> {
         match self {
             Self::Fingers { joint, watch, .. } => {
@@ -138,7 +138,7 @@ pub struct CaptureAnswer<'a> {
     pub actuators: &'a Actuators,
     /// Motor torques of the wheels in use.
     pub wheel_torques: Vec<f64>,
-    /// On-times of the thrusters in use, if it commands some.
+    /// On-times of the thrusters in use, if commanded.
     pub on_times: Option<Vec<f64>>,
 }
 
@@ -234,7 +234,7 @@ impl Capturing {
         &self.load
     }
 
-    /// Passes a state to camera, estimator and mission.
+    /// Passes the current state to camera, estimator and mission.
     ///
     /// # Errors
     /// A line with the time.
@@ -269,7 +269,7 @@ impl Capturing {
         let X_WC = X_WB * world.robot.X_BF(&self.optical);
         self.target_camera.show(time, &X_WC, &X_WT);
         while let Some(frame) = self.target_camera.deliver(time) {
-            // A target that is held does not move freely any more.
+            // A held target no longer moves freely.
             if self.mission.payload().is_none()
                 && let Some(path) = self.estimator.add_frame(rectified(
                     frame.clone(),
@@ -335,7 +335,7 @@ impl Capturing {
         })
     }
 
-    /// Closes or opens the grasp, if it does not latch by itself.
+    /// Executes the gripper command, unless the grasp latches automatically.
     fn follow_gripper(&mut self, world: &mut World) {
         let is_closing = self.gripper == Gripper::Close;
         self.mission.set_grip(None);
@@ -366,7 +366,7 @@ impl Capturing {
             }
             SimulatedGrip::Automatic if is_closing => {}
             SimulatedGrip::Services | SimulatedGrip::Automatic => {
-                // Nothing is held if it fails.
+                // Fails if nothing is held.
                 let _ = world.detach();
             }
         }

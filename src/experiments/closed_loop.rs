@@ -1,4 +1,4 @@
-//! Plant, camera and control loop in one thread, without DDS.
+//! Plant, camera and control loop in a single thread without DDS.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -30,12 +30,12 @@ use crate::{
     vision::{FeatureFrame, PoseCamera, PoseFrame, StarTrackerFrame},
 };
 
-/// The closed loop of a scenario: its nodes without topics, in one thread and in the order of a graph in lockstep.
-/// Each state is shown to the camera, the control loop answers with the frames delivered so far, and its efforts are
+/// The closed loop of a scenario: its nodes without topics, in a single thread, in the order of a graph in lockstep.
+/// The camera is exposed to each state, the control loop answers with the frames delivered so far, and its efforts are
 /// held until the next state. If the scenario has a teleop node, a simulated operator steers. Without camera,
-/// controller and teleop it is a free motion under springs and dampers. There is no estimator, unless a mission node
-/// needs it: the control loop gets no goal rates. Cameras that watch bodies by absolute names, its own or those of other
-/// robots, need a [`Fleet`](super::Fleet).
+/// controller and teleop, the robot moves freely under springs and dampers. There is no estimator unless a mission node
+/// needs it; the control loop gets no goal rates. Cameras that watch bodies by absolute names, of this or other robots,
+/// need a [`Fleet`](super::Fleet).
 pub struct ClosedLoop {
     /// The plant.
     pub world: World,
@@ -57,22 +57,22 @@ struct AttitudeControl {
 /// Cameras and control loop.
 struct VisualServo {
     camera: PoseCamera,
-    /// The arm as the camera knows it, of a robot with flexible parts; without them it is the robot's own.
+    /// Kinematics of the arm as the camera knows it, for a robot with flexible parts; `None` to use the robot's own.
     kinematics: Option<Workspace>,
     target: Option<TrackedTarget>,
     feature_frames: Vec<FeatureFrame>,
     control_loop: ControlLoop,
-    /// The goal in its frame.
+    /// The goal in the frame of its carrier.
     X_FD: Pose,
-    /// Which body is that frame; `None` for the world itself.
+    /// The body on which the goal is; `None` for a goal in the world.
     carrier: Option<Watched>,
     second: Option<SecondArm>,
     image: (u32, u32, f64),
-    /// Whether efforts were ever cut to the joints' limits.
+    /// Whether efforts were ever clamped to the joints' limits.
     was_limited: bool,
 }
 
-/// A second arm's tip and what the camera measures of it.
+/// A second arm's tip, camera and goal.
 struct SecondArm {
     tip: Frame,
     camera: PoseCamera,
@@ -82,13 +82,13 @@ struct SecondArm {
 /// The target whose features the camera tracks.
 struct TrackedTarget {
     target_camera: TargetCamera,
-    /// Which body it is.
+    /// The tracked body.
     body: Watched,
-    /// The camera's frame.
+    /// The camera's optical frame.
     camera: Frame,
 }
 
-/// One state and the answer to it.
+/// One state and the answers to it.
 pub struct Moment<'a> {
     /// Frames that the camera delivered at this state.
     pub frames: &'a [PoseFrame],
@@ -104,16 +104,16 @@ pub struct Moment<'a> {
 
 /// The attitude controller's answer to a state.
 pub struct AttitudeAnswer<'a> {
-    /// The star tracker's measurement delivered at this state.
+    /// The star tracker's measurements delivered at this state.
     pub frames: &'a [StarTrackerFrame],
-    /// The controller's result, if its period has passed.
+    /// The controller's report, if its period has passed.
     pub report: Option<AttitudeReport>,
-    /// The loop, with the torques of this state.
+    /// The attitude loop, with the torques for this state.
     pub attitude: &'a AttitudeLoop,
 }
 
 impl Moment<'_> {
-    /// Why the tip does not converge to its goal, if the controller has found that it does not.
+    /// The reason why the tip does not converge to its goal, if the controller has detected that.
     pub fn trouble(&self) -> Option<ConvergenceFailure> {
         let answer = self.answer.as_ref()?;
         answer.report.control.as_ref().ok()?.convergence_failure
@@ -124,11 +124,11 @@ impl Moment<'_> {
 pub struct Answer<'a> {
     /// Frames of features that the camera delivered at this state.
     pub feature_frames: &'a [FeatureFrame],
-    /// Which measurements were used, and what the controller decided.
+    /// The control loop's report: measurements used, and control mode.
     pub report: LoopReport,
     /// True deviation of the tip from the goal.
     pub error: PoseError,
-    /// The control loop, with the efforts of this state.
+    /// The control loop, with the efforts for this state.
     pub control_loop: &'a ControlLoop,
 }
 
@@ -175,23 +175,23 @@ impl ClosedLoop {
         })
     }
 
-    /// The scenario's duration \[s\]; zero if it states none.
+    /// The scenario's duration \[s\]; zero if it has none.
     pub fn duration(&self) -> f64 {
         self.duration
     }
 
-    /// Width, height and focal length of the camera's image \[px\]; `None` in a free motion.
+    /// Width, height and focal length of the camera's image \[px\]; `None` without a camera.
     pub fn image(&self) -> Option<(u32, u32, f64)> {
         let of_servo = self.servo.as_ref().map(|servo| servo.image);
         of_servo.or(self.capturing.as_ref().map(|capturing| capturing.image))
     }
 
-    /// Whether the controller's efforts were ever cut to the joints' limits.
+    /// Whether the controller's efforts were ever clamped to the joints' limits.
     pub fn was_limited(&self) -> bool {
         self.servo.as_ref().is_some_and(|servo| servo.was_limited)
     }
 
-    /// The loop that controls the base's attitude, if there is one.
+    /// The attitude loop of the base, if there is one.
     pub fn attitude(&self) -> Option<&AttitudeLoop> {
         self.attitude.as_ref().map(|control| &control.attitude)
     }
@@ -201,12 +201,12 @@ impl ClosedLoop {
         self.capturing.as_deref()
     }
 
-    /// Whether an operator steers.
+    /// Whether a simulated operator steers.
     pub fn is_operated(&self) -> bool {
         self.operated.is_some()
     }
 
-    /// Topic on which the camera publishes feature points, if it tracks those of a target.
+    /// Topic on which the camera publishes feature points, if it tracks a target.
     pub fn topic_of_features(&self) -> Option<Topic<FeatureTracks>> {
         if let Some(capturing) = &self.capturing {
             return Some(capturing.topic_of_features());
@@ -215,11 +215,11 @@ impl ClosedLoop {
         Some(target.target_camera.topic())
     }
 
-    /// Runs camera and controller for the present state, then calls `observe`: the new efforts are set, time has not
-    /// advanced yet.
+    /// Lets camera and controllers answer the current state, then calls `observe`: the new efforts are set, but time
+    /// has not advanced.
     ///
     /// # Errors
-    /// When the controller gives no efforts, or the error of `observe`.
+    /// If the controller gives no efforts, or `observe` fails.
     pub fn answer<E: From<String>>(
         &mut self,
         frames: &mut Vec<PoseFrame>,
@@ -253,7 +253,7 @@ impl ClosedLoop {
     /// Advances to the next state.
     ///
     /// # Errors
-    /// When the motion has diverged.
+    /// If the motion has diverged.
     pub fn advance(&mut self) -> Result<(), String> {
         self.world.step_to_tick();
         self.check()
@@ -262,7 +262,7 @@ impl ClosedLoop {
     /// Checks the state after a step.
     ///
     /// # Errors
-    /// When the motion has diverged.
+    /// If the motion has diverged.
     pub(super) fn check(&mut self) -> Result<(), String> {
         self.world.check_grasps()?;
         self.world.check_contacts()?;
@@ -271,7 +271,7 @@ impl ClosedLoop {
 }
 
 impl AttitudeControl {
-    /// What the attitude node does with the messages of a state, in its order.
+    /// Processes a state as the attitude node processes its messages, in the same order.
     fn answer(&mut self, world: &mut World) -> Result<AttitudeAnswer<'_>, String> {
         let Self { attitude, frames } = self;
         let stamp = Time::from_secs_f64(world.time());
@@ -291,7 +291,7 @@ impl AttitudeControl {
         attitude.add_gyro(now, gyro).map_err(refused)?;
         for frame in frames.iter() {
             let exposed = Stamp::from_nanos(Time::from_secs_f64(frame.time).as_nanos());
-            // As a message holds it.
+            // As if passed through a message.
             let R_WB = UnitQuaternion::new_normalize(frame.R_WB.into_inner());
             attitude.add_star_tracker(exposed, &R_WB).map_err(refused)?;
         }
@@ -314,7 +314,7 @@ impl AttitudeControl {
 }
 
 impl SecondArm {
-    /// Shows the camera the present state, and gives its delivered measurements to the control loop.
+    /// Exposes the camera to the current state, and passes its delivered measurements to the control loop.
     fn measure(
         &mut self,
         time: f64,
@@ -331,7 +331,7 @@ impl SecondArm {
     }
 }
 
-/// A frame after its poses have passed through messages.
+/// A frame as it is after its poses have passed through messages.
 fn through_message(frame: &PoseFrame) -> PoseFrame {
     PoseFrame {
         X_BE: message_round_trip(&frame.X_BE),
@@ -413,7 +413,7 @@ impl VisualServo {
         };
         let loop_config = ControlLoopConfig {
             timeout: controller.measurement_timeout,
-            // Every state is answered at once, however old the camera's frames are.
+            // Every state is answered at once, regardless of the age of the camera's frames.
             lockstep: false,
             compensates_delay: false,
         };
@@ -439,14 +439,14 @@ impl VisualServo {
         others: &OtherBodies,
         frames: &mut Vec<PoseFrame>,
     ) -> Result<Answer<'_>, String> {
-        // Values pass through stamps and messages as in a graph, noise included, so that a run there in lockstep is
-        // equal to this one.
+        // Values are rounded as by stamps and messages, noise included, so that a graph in lockstep gives an identical
+        // run.
         let stamp = Time::from_secs_f64(world.time());
         let time = stamp.as_secs_f64();
         let gyro = gyro(world);
         let stamp = Stamp::from_nanos(stamp.as_nanos());
         let robot = &world.robot;
-        // The camera knows the arm's kinematics and its joints, as the camera node does.
+        // Like the camera node, the camera knows only the arm's kinematics and joint positions.
         if let Some(kinematics) = &mut self.kinematics {
             kinematics.set_positions(&robot.state().q);
         }
@@ -492,7 +492,7 @@ impl VisualServo {
         })
     }
 
-    /// Gives the control loop the present joint state, what the camera has delivered, and the gyro's sample.
+    /// Passes the current joint state, delivered camera frames and the gyro sample to the control loop.
     fn feed(
         &mut self,
         world: &World,

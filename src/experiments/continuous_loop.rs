@@ -1,4 +1,4 @@
-//! A control law in continuous time, without sampling: the closed loop of the stability theorems.
+//! A control law in continuous time: the closed loop of the stability theorems.
 
 use nalgebra::DVector;
 
@@ -10,7 +10,7 @@ use crate::dynamics::{Input, IntegrationMethod, Integrator, State, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::Pose;
 
-/// A robot and its law as one differential equation. The goal rests in the world; measurements are exact.
+/// A robot and its control law as one differential equation. The goal is at rest in the world; measurements are exact.
 #[derive(Debug)]
 pub struct ContinuousLoop {
     model: Model,
@@ -19,17 +19,17 @@ pub struct ContinuousLoop {
     workspace: Workspace,
     integrator: Integrator,
     controller: Controller,
-    /// Kinematics of the integrator's stages, for the law.
+    /// Kinematics at the integrator's stages, for the law.
     stage: Workspace,
     X_WD: Pose,
     lyapunov: LyapunovFunction,
 }
 
 impl ContinuousLoop {
-    /// At rest at joint positions `q`, the base frame at the world's origin.
+    /// Starts at rest at joint positions `q`, with the base frame at the world's origin.
     ///
     /// # Errors
-    /// [`ConfigError`] when the settings do not fit the robot.
+    /// [`ConfigError`] if the settings do not fit the robot.
     pub fn new(
         model: Model,
         tip: &Frame,
@@ -54,7 +54,7 @@ impl ContinuousLoop {
         })
     }
 
-    /// The same with another integration method than the default, DOP853.
+    /// Replaces the default integration method, DOP853.
     pub fn with_method(mut self, method: IntegrationMethod) -> Self {
         self.integrator = Integrator::new(&self.model, method);
         self

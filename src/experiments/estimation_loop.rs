@@ -1,4 +1,4 @@
-//! The estimator of a target's motion in one thread, without DDS.
+//! The estimator of a target's motion in a single thread without DDS.
 
 use nalgebra::UnitQuaternion;
 
@@ -12,8 +12,8 @@ use crate::{
     vision::{FeatureFrame, Pinhole},
 };
 
-/// What the estimator node does with features and gyro, with batch solutions that take no time: the first frame after
-/// the one that completes a window sees the new solution.
+/// The estimator node's processing of features and gyro, with instantaneous batch solutions: the first frame after a
+/// complete window uses the new solution.
 pub struct EstimationLoop {
     params: EstimatorParams,
     camera: Pinhole,
@@ -25,7 +25,7 @@ pub struct EstimationLoop {
 }
 
 impl EstimationLoop {
-    /// For a camera with the attitude `R_BC` in the frame `base`, whose gyro it uses.
+    /// For a camera with the attitude `R_BC` in the frame `base`, whose gyro is used.
     pub fn new(
         params: EstimatorParams,
         camera: Pinhole,
@@ -46,7 +46,7 @@ impl EstimationLoop {
     /// Adds a sample of the gyro.
     ///
     /// # Errors
-    /// A line that names what is not finite.
+    /// A line that names the quantity that is not finite.
     pub fn add_imu(&mut self, imu: &Imu) -> Result<(), String> {
         match self.params.use_imu {
             true => self.attitude.take_imu(imu, CAMERA_FRAME),
@@ -54,7 +54,7 @@ impl EstimationLoop {
         }
     }
 
-    /// Adds a frame. Returns the prediction that is published for it, if one is due.
+    /// Adds a frame. Returns the prediction published for it, if one is due.
     pub fn add_frame(&mut self, frame: FeatureFrame) -> Option<Path> {
         let time = frame.time;
         self.tracks.push(frame).ok()?;

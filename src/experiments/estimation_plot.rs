@@ -1,4 +1,4 @@
-//! Plots of an estimated tumbling motion compared with the true one: part of `fuyu bag plot`.
+//! Plots of an estimated tumbling motion and the true one; part of `fuyu bag plot`.
 
 use nalgebra::{UnitQuaternion, UnitVector3, Vector3};
 
@@ -9,7 +9,7 @@ use super::recorded_estimation::{
 };
 use crate::estimation::free_body::DynamicParameters;
 
-/// Largest number of individually drawn predictions.
+/// Maximum number of predictions drawn individually.
 const PREDICTIONS: usize = 5;
 /// Errors of exactly zero are drawn at this value on a logarithmic axis \[deg\].
 const FLOOR: f64 = 1e-6;
@@ -24,7 +24,7 @@ fn series(name: impl Into<String>, points: Vec<(f64, f64)>) -> Series {
     }
 }
 
-/// `|w|²`: estimated at each frame, extrapolated in both directions from the last motion, and true.
+/// `|w|²` over time: estimated at each frame, extrapolated in both directions from the last motion, and true.
 pub fn squared_rates(estimation: &RecordedEstimation, start: i64) -> Option<Figure> {
     let time = |t: i64| seconds_since(start, t);
     let estimated = estimation.rates.iter();
@@ -111,8 +111,8 @@ pub fn herpolhode(estimation: &RecordedEstimation, mount: Mount) -> Option<Plane
     })
 }
 
-/// Attitude error of predictions of a target: of some predictions over their horizon, and the maximum of
-/// each.
+/// Attitude error of predictions of a target: of some predictions over their horizons, and the maximum of each
+/// prediction.
 pub fn prediction_error(
     estimation: &RecordedEstimation,
     truth: &[Turning],

@@ -1,4 +1,4 @@
-//! Events of a simulation, which its final state does not show: stops reached, saturated wheels, latches, contacts.
+//! Events of a simulation that its final state does not show: stops reached, saturated wheels, latches, contacts.
 
 use serde::Serialize;
 
@@ -8,37 +8,37 @@ use crate::{
     nodes::dynamics::World,
 };
 
-/// Distance from a stop within which a joint is at it \[rad or m\].
+/// Distance from a stop within which a joint counts as at the stop \[rad or m\].
 const AT_STOP: f64 = 1e-9;
 
-/// Part of a limit of speed or momentum within which a joint or wheel is at it.
+/// Fraction of a speed or torque limit within which a joint or wheel counts as at the limit.
 const AT_LIMIT: f64 = 1e-6;
 
-/// Most events that a run keeps.
+/// Maximum number of events kept.
 const MOST: usize = 10_000;
 
-/// Something that happened.
+/// An event.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Event {
-    /// When it was first seen, at a published state \[s\].
+    /// Time of the first published state that shows it \[s\].
     pub time: f64,
-    /// What it is.
+    /// Description.
     pub what: String,
 }
 
-/// Finds events in the states of a run: joints that come to their stops or speed limits, wheels that come to their
-/// speed or torque limits, deformation that first-order modes do not describe, grasps that latch or open, links
-/// that begin or end to touch.
+/// Finds events in the states of a run: joints that reach stops or speed limits, wheels that reach speed or torque
+/// limits, deformation beyond the range of first-order modes, grasps that latch or open, links that begin or end to
+/// touch.
 #[derive(Debug, Default)]
 pub struct EventWatch {
     events: Vec<Event>,
-    /// What is going on now, and was reported when it began.
+    /// Conditions that hold now and were reported when they began.
     present: Vec<String>,
-    /// When deformation was first beyond what first-order modes describe, and a line on it.
+    /// Time at which deformation first exceeded the range of first-order modes, and a line on it.
     excess: Option<(f64, String)>,
-    /// The joints at the state before.
+    /// The joints at the previous state.
     earlier: Joints,
-    /// Number of events of grasps and of contacts that were reported.
+    /// Numbers of grasp and contact events reported so far.
     reported: [usize; 2],
 }
 
@@ -51,8 +51,8 @@ struct Joints {
 }
 
 impl Joints {
-    /// Where joint `j` would be after `seconds` at its rate, if it has lost half of this rate or more by then: it may have
-    /// hit a stop and left it again.
+    /// Position that joint `j` would have after `seconds` at its rate, if it has lost at least half of this rate
+    /// meanwhile: it may have hit a stop and left it again.
     fn reach(&self, j: usize, rate_now: f64, seconds: f64) -> Option<f64> {
         let (q, rate) = (self.q.get(j)?, self.qd.get(j)?);
         let is_braked = rate_now * rate.signum() < 0.5 * rate.abs();
@@ -61,14 +61,14 @@ impl Joints {
 }
 
 impl EventWatch {
-    /// Looks at the present state of `world`.
+    /// Adds the current state of `world`.
     pub fn see(&mut self, world: &World) {
         let mut now = Vec::new();
         let state = world.robot.state();
         let seconds = world.time() - self.earlier.time;
         for (j, joint) in world.robot.model().joints().iter().enumerate() {
             let (q, qd) = (state.q[j], state.qd[j]);
-            // With contact, other bodies brake joints, too.
+            // In case of contact, other bodies may brake joints, too.
             let reach = match world.has_contact() {
                 true => None,
                 false => self.earlier.reach(j, qd, seconds),
@@ -109,7 +109,7 @@ impl EventWatch {
         self.present = now;
     }
 
-    /// Deformation that first-order modes do not describe.
+    /// Adds a condition if deformation is beyond the range of first-order modes.
     fn see_deformation(&mut self, time: f64, robot: &FlexibleFloating, now: &mut Vec<String>) {
         let Some(excess) = robot.workspace().first_order_excess(robot.state()) else {
             return;
@@ -123,7 +123,7 @@ impl EventWatch {
         (self.excess).get_or_insert_with(|| (time, excess.to_string()));
     }
 
-    /// When deformation was first beyond what first-order modes describe \[s\], and a line on it.
+    /// Time at which deformation first exceeded the range of first-order modes \[s\], and a line on it.
     pub fn deformation_excess(&self) -> Option<&(f64, String)> {
         self.excess.as_ref()
     }

@@ -1,4 +1,4 @@
-//! The state in which a simulation ends, as `fuyu simulate --json` prints it.
+//! The final state of a simulation, as `fuyu simulate --json` prints it.
 
 use std::collections::BTreeMap;
 
@@ -36,9 +36,9 @@ pub struct FinalState {
     /// Motors of elastic joints by joint.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub motors: BTreeMap<String, FinalMotor>,
-    /// Momentum of everything in the world.
+    /// Total momentum of all bodies in the world.
     pub momentum: FinalMomentum,
-    /// Kinetic energy of everything in the world \[J\].
+    /// Total kinetic energy of all bodies in the world \[J\].
     pub kinetic_energy: f64,
     /// Strain energy of deformable bodies and elastic joints \[J\].
     pub strain_energy: f64,
@@ -50,7 +50,7 @@ pub struct FinalState {
 /// Energy of contacts.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FinalContact {
-    /// Points at which bodies touch.
+    /// Number of contact points.
     pub points: usize,
     /// Elastic energy that they store \[J\].
     pub stored_energy: f64,
@@ -106,7 +106,7 @@ pub struct FinalMomentum {
 }
 
 impl FinalState {
-    /// The present state of `world`.
+    /// The current state of `world`.
     pub fn of(world: &World) -> Self {
         let robot = &world.robot;
         let base = frame_of(robot);
@@ -152,7 +152,7 @@ impl FinalState {
     }
 }
 
-/// States of the parts of a robot with flexible parts.
+/// States of the flexible parts of a robot.
 #[derive(Default)]
 struct Parts {
     appendages: BTreeMap<String, FinalAppendage>,

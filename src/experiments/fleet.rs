@@ -1,4 +1,4 @@
-//! The robots of a scenario, one or several in one world, in one thread, without DDS.
+//! Fleet: the robots of a scenario, one or several in one world, in a single thread without DDS.
 
 use super::ClosedLoop;
 use crate::{
@@ -9,8 +9,8 @@ use crate::{
     spatial::Pose,
 };
 
-/// The closed loops of all robots of a scenario. They share the time, and the cameras of one see bases and targets of the
-/// others; bodies of different robots do not touch.
+/// The closed loops of all robots of a scenario. They share the time, and their cameras see bases and targets of the
+/// other robots; bodies of different robots do not touch.
 pub struct Fleet {
     robots: Vec<Member>,
 }
@@ -19,8 +19,8 @@ pub struct Fleet {
 struct Member {
     namespace: String,
     closed_loop: ClosedLoop,
-    /// What its cameras see of others, in the order of their names: index of the robot, and of its target unless it is the
-    /// base.
+    /// Bodies of other robots that its cameras watch, in the order of their names: index of the robot, and of the
+    /// target, `None` for the base.
     watched: Vec<(usize, Option<usize>)>,
 }
 
@@ -63,7 +63,7 @@ impl Fleet {
         robots.map(|robot| (robot.namespace.as_str(), &robot.closed_loop))
     }
 
-    /// The loop of a robot. The others' bodies are shown to its cameras as they are now.
+    /// The loop of a robot, after the poses of other robots' bodies were updated for its cameras.
     ///
     /// # Panics
     /// If there is no such robot.
@@ -76,17 +76,17 @@ impl Fleet {
         &mut self.robots[index].closed_loop
     }
 
-    /// Time that all share \[s\].
+    /// The common time \[s\].
     pub fn time(&self) -> f64 {
         self.robots[0].closed_loop.world.time()
     }
 
-    /// The scenario's duration \[s\], which is the same for all; zero if it states none.
+    /// The scenario's duration \[s\], the same for all robots; zero if it has none.
     pub fn duration(&self) -> f64 {
         self.robots[0].closed_loop.duration()
     }
 
-    /// A line about a robot: with its namespace in front if there are several.
+    /// A line on a robot, prefixed with its namespace if there are several.
     pub fn of_robot(&self, index: usize, line: &str) -> String {
         match self.robots.as_slice() {
             [_] => line.to_owned(),
@@ -97,7 +97,7 @@ impl Fleet {
     /// Advances all robots to the next state.
     ///
     /// # Errors
-    /// When a motion has diverged: a line that names the robot.
+    /// If a motion has diverged: a line that names the robot.
     pub fn advance(&mut self) -> Result<(), String> {
         for i in 0..self.robots.len() {
             let advanced = self.robots[i].closed_loop.advance();

@@ -1,4 +1,4 @@
-//! Load on a grasp: force and torque on a captured target.
+//! Grasp load: force and torque on a captured target.
 
 use nalgebra::Vector3;
 
@@ -7,7 +7,7 @@ use crate::{
     nodes::dynamics::{FreeBody, World},
 };
 
-/// Largest force and torque at the grasp, from the change of the target's momentum between states.
+/// Largest force and torque at the grasp, computed from the changes of the target's momentum between states.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct GraspLoad {
     before: Option<Sample>,
@@ -19,13 +19,13 @@ struct Sample {
     time: f64,
     linear: Vector3<f64>,
     angular: Vector3<f64>,
-    /// The grasp relative to the target's centre of mass, world axes \[m\].
+    /// Position of the grasp relative to the target's centre of mass, world axes \[m\].
     arm: Vector3<f64>,
 }
 
 impl GraspLoad {
-    /// Sees a state of the target with index `target`, which the robot holds by `tip` if a grasp has latched or its gripper
-    /// `is_closed`.
+    /// Adds a state of the target with index `target`. The robot holds it by `tip` if a grasp has latched, or, with
+    /// contact, if its gripper `is_closed`.
     pub fn see(&mut self, world: &World, target: usize, tip: &Frame, is_closed: bool) {
         let target = &world.targets[target];
         let fingers_hold = is_closed && world.has_contact();

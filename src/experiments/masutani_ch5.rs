@@ -73,7 +73,7 @@ pub struct Run {
     steps: u32,
 }
 
-/// A state of a run, with its accelerations under the law's efforts.
+/// A sample of a run, with accelerations under the new efforts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moment {
     /// Time \[s\].
@@ -92,12 +92,12 @@ pub struct Moment {
     pub tip_acceleration: f64,
     /// Angular acceleration of the base under the new efforts, base axes \[rad/s²\].
     pub alpha_WB_B: Vector3<f64>,
-    /// Moment on the base about its centre of mass that this acceleration takes, base axes \[N m\].
+    /// Moment on the base about its centre of mass that gives this acceleration, base axes \[N m\].
     pub base_moment_B: Vector3<f64>,
 }
 
 impl Run {
-    /// At rest at [`START`].
+    /// A run that begins at rest at [`START`].
     pub fn new(law: LawKind, jacobian: JacobianKind, period: f64) -> Self {
         let model = model();
         let tip = model.frame("tool0").expect("the servicer's tip").clone();
@@ -162,7 +162,7 @@ impl Run {
         self.steps += 1;
     }
 
-    /// All moments from now on, to `duration` \[s\] inclusive.
+    /// All samples from now on, up to and including `duration` \[s\].
     pub fn moments(mut self, duration: f64) -> Vec<Moment> {
         let last = (duration / self.period).round() as u32;
         let mut moments = Vec::with_capacity(last as usize + 1);

@@ -54,8 +54,8 @@ pub enum Region {
 }
 
 impl Planar {
-    /// The arm on a base of `ratio` times its mass: similar bodies of one density, so that lengths go with the cube
-    /// root and moments of inertia with the power 5/3.
+    /// The arm on a base of `ratio` times its mass. Bases are similar bodies of one density: lengths scale with the
+    /// cube root of the mass, moments of inertia with its power 5/3.
     pub fn with_mass_ratio(ratio: f64) -> Self {
         let scale = ratio / 20.0;
         let mount = 1.75 * scale.cbrt();
@@ -100,13 +100,13 @@ impl Planar {
             .expect("two joints have four roots")
     }
 
-    /// Fraction of the tip's area in which the approximate Jacobian is unstable, for elbows on one side
-    /// (`q2 > 0`), on a grid of `n` by `n` angles.
+    /// Fraction of the tip's area in which the approximate Jacobian is unstable, for the elbow on one side (`q2 > 0`),
+    /// computed on an `n` by `n` grid of angles.
     pub fn unstable_fraction(&mut self, gains: &Gains, n: usize) -> f64 {
         let (mut unstable, mut all) = (0.0, 0.0);
         for j in 0..n {
             let q2 = std::f64::consts::PI * (j as f64 + 0.5) / n as f64;
-            // Area per joint angles is the determinant of the Jacobian, l1 l2 sin q2.
+            // Area per unit of joint angles is the determinant of the Jacobian, l1 l2 sin q2.
             let weight = q2.sin();
             for i in 0..n {
                 let q1 = std::f64::consts::TAU * (i as f64 + 0.5) / n as f64;
@@ -119,7 +119,7 @@ impl Planar {
         unstable / all
     }
 
-    /// Joint angles with `q2 > 0` that bring the tip to (x, y) in the base frame, if they exist.
+    /// Joint angles with `q2 > 0` for which the tip is at (x, y) in the base frame, if reachable.
     pub fn angles(&self, x: f64, y: f64) -> Option<[f64; 2]> {
         let x = x - self.mount;
         let cos = (x * x + y * y) / (2.0 * LINK * LINK) - 1.0;
@@ -151,7 +151,7 @@ impl Planar {
         })
     }
 
-    /// The tip in the base frame at joint angles \[m\].
+    /// Position of the tip in the base frame \[m\].
     pub fn tip_at(&self, [q1, q2]: [f64; 2]) -> [f64; 2] {
         [
             self.mount + LINK * (q1.cos() + (q1 + q2).cos()),
@@ -165,7 +165,7 @@ impl Planar {
 pub struct Example {
     /// Joint angles at the start \[rad\].
     pub start: [f64; 2],
-    /// Goal from the tip's first position \[m\].
+    /// Goal relative to the tip's initial position \[m\].
     pub offset: [f64; 2],
 }
 

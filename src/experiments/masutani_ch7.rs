@@ -1,4 +1,4 @@
-//! Masutani 1995, chapter 7: straight paths of the tip; the servicer without its wrist.
+//! Masutani 1995, chapter 7: straight paths of the tip, for the servicer without its wrist.
 //!
 //! Gains are printed; start and goal of Fig. 7.3 are recovered.
 
@@ -113,7 +113,7 @@ pub struct Outcome {
     pub path_ratio: f64,
     /// Time after which the tip stays within 5 cm of its goal \[s\]; `None` if it does not.
     pub settled: Option<f64>,
-    /// Distance from the goal at the end \[m\].
+    /// Final distance from the goal \[m\].
     pub left: f64,
     /// Largest speed of the tip \[m/s\].
     pub top_speed: f64,

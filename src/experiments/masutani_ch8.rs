@@ -19,13 +19,13 @@ use crate::spatial::{Pose, Twist};
 /// Whether the base moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Base {
-    /// It does not: its mass is a million times larger.
+    /// Fixed: its mass is a million times larger.
     Fixed,
-    /// It floats.
+    /// Floating.
     Free,
 }
 
-/// The tip at the start, in the base frame \[m\]; section 8.3.
+/// Initial position of the tip in the base frame \[m\]; section 8.3.
 pub const START: [f64; 3] = [0.0, 2.5, 1.5];
 
 /// Distance of the targets from the start \[m\]; section 8.3.
@@ -34,13 +34,13 @@ pub const DISTANCE: f64 = 0.5;
 /// Largest command along each axis \[m/s\]; section 8.3.
 pub const FULL_SPEED: f64 = 0.5;
 
-/// The tip has arrived when it stays within this distance of the target \[m\]; not printed.
+/// The tip has arrived if it stays within this distance of the target \[m\]; not printed.
 pub const ARRIVED: f64 = 0.01;
 
 /// Bandwidth of the joints' servo \[rad/s\]. The thesis takes it as unlimited.
 pub const BANDWIDTH: f64 = 20.0;
 
-/// Crossover frequency of the operator \[rad/s\]: the one number that is fitted to the six means of [`PUBLISHED`].
+/// Crossover frequency of the operator \[rad/s\]: the only number fitted to the six means of [`PUBLISHED`].
 pub const CROSSOVER: f64 = 0.8;
 
 /// Time from one sample of operator, steering and servo to the next \[s\].
@@ -65,7 +65,7 @@ pub fn model(base: Base) -> Model {
     Model::from_urdf(&xml, "servicer without its wrist").expect("it is well formed")
 }
 
-/// The planar arm of Fig. 4.4, whose parameters are recovered: a base of 20 times an arm link's mass. Its links are
+/// The planar arm of Fig. 4.4, with recovered parameters: the base has 20 times the mass of the arm. Its links are
 /// those of Table 6.2.
 pub fn planar_model() -> Model {
     let mut xml = include_str!("../../urdf/planar_two_link.urdf").to_owned();
@@ -89,8 +89,8 @@ pub fn targets() -> [Vector3<f64>; 8] {
     })
 }
 
-/// An operator trained with a method: the gain along each axis is divided by the tip's velocity per command along it at the
-/// start, so that the crossover frequency is [`CROSSOVER`] for every method.
+/// An operator trained with a method: the gain along each axis is divided by the tip's initial velocity per unit of
+/// command, so that the crossover frequency is [`CROSSOVER`] for every method.
 pub fn operator(base: Base, method: Resolution) -> OperatorConfig {
     let model = model(base);
     let tip = tip(&model);
@@ -105,7 +105,7 @@ pub fn operator(base: Base, method: Resolution) -> OperatorConfig {
     }
 }
 
-/// Velocity of the tip in the world per command, at rest; base axes.
+/// Tip velocity in the world per unit of command, at rest; base axes.
 fn velocity_per_command(
     model: &Model,
     workspace: &Workspace,
@@ -168,7 +168,7 @@ pub fn attempt(base: Base, method: Resolution, target: &Vector3<f64>) -> Attempt
     attempt_by(base, method, target, operator(base, method))
 }
 
-/// [`attempt`] with a given operator.
+/// [`attempt`] with the given operator.
 pub fn attempt_by(
     base: Base,
     method: Resolution,
@@ -244,7 +244,7 @@ pub const EXPERIMENTS: [(Base, Resolution); 6] = [
     (Base::Free, Resolution::TransposeFixedBase),
 ];
 
-/// Mean and standard deviation of the times \[s\] in the table below Fig. 8.7, in that order.
+/// Mean and standard deviation of the times \[s\] in the table below Fig. 8.7, in the order of [`EXPERIMENTS`].
 pub const PUBLISHED: [(f64, f64); 6] = [
     (4.89, 2.34),
     (3.56, 1.71),
@@ -254,7 +254,7 @@ pub const PUBLISHED: [(f64, f64); 6] = [
     (5.39, 1.75),
 ];
 
-/// Joint positions of the planar arm with `q₂ > 0` that bring its tip to `(x, y)` in the base frame; `None` out of
+/// Joint positions of the planar arm with `q₂ > 0` for which its tip is at `(x, y)` in the base frame; `None` if out of
 /// reach.
 pub fn planar_posture(x: f64, y: f64) -> Option<[f64; 2]> {
     const MOUNT: f64 = 1.75;

@@ -43,7 +43,7 @@ impl Link {
         Rotation3::from_axis_angle(&Vector3::x_axis(), self.alpha)
     }
 
-    /// `ⁱd_{i+1}`: from joint i to joint i + 1.
+    /// `ⁱd_{i+1}`: vector from joint i to joint i + 1.
     fn to_next(&self) -> Vector3<f64> {
         Vector3::new(self.a, self.d * self.alpha.sin(), self.d * self.alpha.cos())
     }
@@ -72,7 +72,7 @@ impl SerialArm {
         }
     }
 
-    /// The same robot for fuyu; the frame `tip` is the end of the last link.
+    /// The same robot as a fuyu model; the frame `tip` is at the end of the last link.
     pub fn model(&self) -> Model {
         let base = RigidInertia {
             mass: self.base_mass,
@@ -162,9 +162,9 @@ impl SerialArm {
 }
 
 type V = Vec3<Counted>;
-/// Rows.
+/// A matrix by rows.
 type M = [V; 3];
-/// xx, yy, zz, yz, xz, xy.
+/// A symmetric matrix: xx, yy, zz, yz, xz, xy.
 type S = [Counted; 6];
 
 fn zero() -> V {
@@ -196,7 +196,7 @@ fn product(a: &M, b: &M) -> M {
     a.map(|row| Vec3(columns.map(|column| row.dot(column))))
 }
 
-/// `A P Aᵀ`, of which six entries are computed.
+/// `A P Aᵀ`, symmetric: only six entries are computed.
 fn transform_tensor(A: &M, P: &Matrix3<f64>) -> S {
     let AP = product(A, &matrix(P));
     [(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)].map(|(r, c)| AP[r].dot(A[c]))
@@ -213,7 +213,7 @@ fn tensor_times([xx, yy, zz, yz, xz, xy]: &S, v: V) -> V {
     )
 }
 
-/// The inertia of a point mass, whose square root is given, at `r`.
+/// The inertia tensor of a point mass at `r`; `root` is the square root of the mass.
 fn D(r: V, root: f64) -> S {
     let Vec3([x, y, z]) = r.scaled(Counted(root));
     let [xx, yy, zz] = [x * x, y * y, z * z];

@@ -1,4 +1,4 @@
-//! A capture mission as `fuyu simulate` reports it.
+//! Summary of a capture mission, as reported by `fuyu simulate`.
 
 use std::{collections::BTreeMap, fmt::Write as _};
 
@@ -10,42 +10,42 @@ use crate::{
     nodes::dynamics::{FreeBody as _, World},
 };
 
-/// How a mission went. What it says of the target's mass, of the base's rate and of the load on the grasp is the truth, which
-/// the mission does not know. SI units.
+/// Result of a mission. Mass error, base rate and grasp load are computed from true values, which the mission does not
+/// know. SI units.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MissionSummary {
     /// Whether the target is held and all phases have ended.
     pub captured: bool,
     /// The last phase; `done` or `aborted` if the mission is over.
     pub phase: &'static str,
-    /// How it ended, or the condition that it waits for.
+    /// Result of the last phase, or the condition for which it waits.
     pub reason: String,
-    /// When it ended \[s\]; `None` if it lasts.
+    /// End \[s\]; `None` if the mission is not over.
     pub end: Option<f64>,
     /// Identified mass \[kg\]; `None` unless the target is captured.
     pub mass: Option<f64>,
-    /// By how much it is wrong, relative to the true one.
+    /// Relative error of the identified mass.
     pub mass_error: Option<f64>,
     /// True angular velocity of the base \[rad/s\]; `None` unless the target is captured.
     pub final_rate: Option<f64>,
-    /// Largest force on the target at the grasp, mean over a state's period \[N\]; zero if it was never held.
+    /// Largest force on the target at the grasp, averaged over a state's period \[N\]; zero if it was never held.
     pub grasp_force: f64,
-    /// Largest torque there \[N m\].
+    /// Largest torque at the grasp \[N m\].
     pub grasp_torque: f64,
     /// The phases in their order.
     pub phases: Vec<PhaseSummary>,
 }
 
-/// How a phase went.
+/// Result of a phase.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PhaseSummary {
     /// Its name.
     pub phase: &'static str,
-    /// When it began \[s\].
+    /// Start \[s\].
     pub start: f64,
-    /// When it ended \[s\]; `None` if it lasts.
+    /// End \[s\]; `None` if it is not over.
     pub end: Option<f64>,
-    /// How it ended.
+    /// Its outcome.
     pub outcome: String,
     /// Figures by name.
     pub figures: BTreeMap<&'static str, f64>,
@@ -64,7 +64,7 @@ impl PhaseSummary {
 }
 
 impl MissionSummary {
-    /// Of the mission of `world`.
+    /// The summary of the mission in `world`.
     pub fn new(capturing: &Capturing, world: &World) -> Self {
         let mission = capturing.mission();
         let last = mission.reports().last();
@@ -92,7 +92,7 @@ impl MissionSummary {
         }
     }
 
-    /// Why the mission did not capture its target, if it did not.
+    /// The reason why the mission did not capture its target, if it did not.
     pub fn failure(&self) -> Option<String> {
         match self.phase {
             "done" => None,
@@ -145,7 +145,7 @@ pub fn mission_lines(capturing: &Capturing, world: &World) -> String {
     out
 }
 
-/// Four digits; whole numbers without a point.
+/// A number with four digits; whole numbers without a decimal point.
 fn short(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),

@@ -1,4 +1,4 @@
-//! A simulated operator with the steering of the teleop node, without DDS.
+//! A simulated operator with the steering of the teleop node, in a single thread without DDS.
 
 use nalgebra::{DVector, Point3, Vector3};
 
@@ -24,16 +24,16 @@ pub struct Operated {
 
 /// Command of the operator at one state, and its steering.
 pub struct Drive<'a> {
-    /// How the command was limited.
+    /// Limits that acted on the command.
     pub steered: Steered,
-    /// The steering, with its present joint rates.
+    /// The steering, with the current joint rates.
     pub steering: &'a Steering,
     /// True distance of the tip from the goal \[m\].
     pub distance: f64,
 }
 
 impl Operated {
-    /// Operator and steering as `scenario` describes them.
+    /// Operator and steering as configured by `scenario`.
     ///
     /// # Errors
     /// A line that names file, node and parameter.
@@ -53,7 +53,7 @@ impl Operated {
         })
     }
 
-    /// Computes the operator's command at the present state, and drives the joints by it.
+    /// Computes the operator's command at the current state, and drives the joints accordingly.
     pub fn answer(&mut self, world: &mut World) -> Drive<'_> {
         let time = world.time();
         let robot = &world.robot;

@@ -23,7 +23,7 @@ pub struct Counts {
     pub divisions: usize,
 }
 
-/// Counts the operations of `calculate` on [`Counted`] numbers, on this thread.
+/// Counts the operations on [`Counted`] numbers in `calculate`, on this thread.
 pub fn counted<T>(calculate: impl FnOnce() -> T) -> (T, Counts) {
     COUNTS.set(Counts::default());
     (calculate(), COUNTS.get())
@@ -35,7 +35,7 @@ fn count(what: fn(&mut Counts) -> &mut usize) {
     COUNTS.set(counts);
 }
 
-/// A number that counts operations on it.
+/// A number that counts the operations on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Counted(pub f64);
 
@@ -81,8 +81,8 @@ impl Scalar for Counted {
     }
 }
 
-/// Operations of fuyu's recursion for the generalized Jacobian of a point of the last body, including the momentum map.
-/// Evaluations of sine and cosine are not counted; multiplications with them are.
+/// Operation counts of fuyu's recursion for the generalized Jacobian of a point of the last body, including the
+/// momentum map. Evaluations of sine and cosine are not counted; multiplications with them are.
 pub fn recursion(model: &Model) -> Counts {
     let tree = Tree::new(model);
     let zero = Counted(0.0);

@@ -20,10 +20,10 @@ pub struct OtherBodies {
 }
 
 impl OtherBodies {
-    /// The body called `name`: absolute if it is another robot's.
+    /// Finds the body called `name`; an absolute name refers to another robot's body.
     ///
     /// # Errors
-    /// A line that lists the targets there are, if it is an own target that is not there.
+    /// A line that lists the known targets, if the name is that of an unknown target of this robot.
     pub(super) fn find(&mut self, world: &World, name: &str) -> Result<Watched, String> {
         if !name.starts_with('/') {
             return world.target_index(name).map(Watched::Own);
@@ -39,7 +39,7 @@ impl OtherBodies {
     /// Pose of a body in the world.
     ///
     /// # Errors
-    /// When that of another robot's body was never set.
+    /// If the pose of another robot's body was never set.
     pub(super) fn pose(&self, world: &World, body: Watched) -> Result<Pose, String> {
         match body {
             Watched::Own(index) => {

@@ -1,4 +1,4 @@
-//! Performance of a run: the quantities that `fuyu simulate` reports.
+//! Performance figures of a run, as reported by `fuyu simulate`.
 
 use std::collections::BTreeMap;
 
@@ -15,26 +15,26 @@ use crate::{
     spatial::roll_pitch_yaw_intrinsic,
 };
 
-/// Figures that cost more than all others together, and of which a campaign needs only those that it keeps.
+/// Selection of the expensive figures, of which a campaign computes only those that it needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Figures {
-    /// Residuals of momentum and energy.
+    /// Whether momentum and energy residuals are computed.
     pub residuals: bool,
-    /// Largest accelerations of tip and base.
+    /// Whether the largest accelerations of tip and base are computed.
     pub accelerations: bool,
-    /// Events.
+    /// Whether events are collected.
     pub events: bool,
 }
 
 impl Figures {
-    /// All.
+    /// All figures.
     pub const ALL: Self = Self {
         residuals: true,
         accelerations: true,
         events: true,
     };
 
-    /// Those without which results of these dotted names, as in `fuyu simulate --json`, are not known.
+    /// The figures needed for results with these dotted names, as in `fuyu simulate --json`.
     pub fn of_results<'a>(names: impl Iterator<Item = &'a str>) -> Self {
         let mut needed = Self {
             residuals: false,
@@ -60,7 +60,7 @@ pub struct Performance {
     figures: Figures,
     initial_base: Vector3<f64>,
     time: f64,
-    /// Of the tip; `None` without a controller.
+    /// Position and attitude error of the tip; `None` without a controller or operator.
     last_error: Option<(f64, Option<f64>)>,
     position_settled: Settled,
     attitude_settled: Settled,
@@ -72,7 +72,7 @@ pub struct Performance {
     loop_gap: Option<f64>,
 }
 
-/// Records since when a value has stayed below a bound.
+/// Time since which a value has stayed below a bound.
 struct Settled {
     bound: f64,
     since: Option<f64>,
@@ -92,8 +92,8 @@ impl Settled {
     }
 }
 
-/// The figures of a run. Errors are true errors, not those measured by the camera. Figures of the tip are `None` in a
-/// free motion, those of its attitude also with an operator, whose goal is a point.
+/// Performance figures of a run. Errors are true errors, not those measured by the camera. Figures of the tip are
+/// `None` in a free motion; those of its attitude also with an operator, whose goal is a point.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Summary {
     /// Simulated time \[s\].
@@ -110,9 +110,9 @@ pub struct Summary {
     pub base_displacement: [f64; 3],
     /// Final attitude of the base: roll, pitch, yaw of Masutani 1995 app. F \[rad\].
     pub base_attitude_rpy: [f64; 3],
-    /// As [`Balance::momentum_residual`].
+    /// Momentum residual, see [`Balance::momentum_residual`].
     pub momentum_residual: MomentumResidual,
-    /// As [`Balance::energy_residual`].
+    /// Energy residual, see [`Balance::energy_residual`].
     pub energy_residual: f64,
     /// Largest speed of the tip in the world \[m/s\].
     pub max_tip_speed: Option<f64>,
@@ -130,7 +130,7 @@ pub struct Summary {
 }
 
 impl Performance {
-    /// Starts with the world's initial state. Of the `figures` that are not wanted, the values are NaN or `None`.
+    /// Begins with the world's initial state. Figures not selected in `figures` are NaN or `None`.
     pub fn new(world: &World, figures: Figures) -> Self {
         Self {
             figures,
@@ -151,7 +151,7 @@ impl Performance {
         }
     }
 
-    /// Distance \[m\] and angle \[rad\] of the tip from the goal at the last state; `None` where there is none.
+    /// Distance \[m\] and angle \[rad\] of the tip from the goal at the last state; `None` if not available.
     pub fn tip_errors(&self) -> [Option<f64>; 2] {
         [
             self.last_error.map(|e| e.0),
@@ -159,7 +159,7 @@ impl Performance {
         ]
     }
 
-    /// Adds a state with the efforts that act after it.
+    /// Adds a state, with the efforts for it.
     pub fn see(&mut self, world: &mut World, moment: &Moment) {
         self.time = world.time();
         if let Some(answer) = &moment.answer {
@@ -240,7 +240,7 @@ impl Performance {
     }
 }
 
-/// The base body's centre of mass in the world.
+/// Position of the base body's centre of mass in the world.
 fn base_com(world: &World) -> Vector3<f64> {
     let X_WB = world.robot.X_WB();
     X_WB.rotation * world.robot.model().bodies()[0].inertia.com + X_WB.translation.vector

@@ -20,13 +20,13 @@ use crate::msg::tf2_msgs::TFMessage;
 use crate::nodes::controller::measured_errors;
 use crate::spatial::Twist;
 
-/// Runs of a bag by namespace, one robot each. The empty namespace is the usual one. A robot has several runs if the
-/// simulation was reset; a target also if it was replaced, or given another pose or twist.
+/// Runs in a bag by namespace, which is usually empty; each namespace has one robot or target. A robot has several runs
+/// if the simulation was reset; a target also if it was replaced, or given another pose or twist.
 #[derive(Debug, Default)]
 pub struct RecordedRuns {
     runs: BTreeMap<String, Vec<RecordedRun>>,
     counter: RunCounter,
-    /// How often each target was replaced or moved from outside.
+    /// Number of times that each target was replaced or moved from outside.
     moves: BTreeMap<String, usize>,
     touched: TouchedTargets,
 }
@@ -36,13 +36,13 @@ pub struct RecordedRuns {
 pub struct RecordedRun {
     /// The model of its `robot_description`, or the error.
     pub model: Option<Result<Model, String>>,
-    /// Joints, in the order of [`JointSample`].
+    /// Names of the joints, in the order of the values in [`JointSample`].
     pub joint_names: Vec<String>,
     /// `joint_states`.
     pub joints: Vec<JointSample>,
     /// `ground_truth/momentum`.
     pub momentum: Vec<MomentumSample>,
-    /// Wheels, in the order of [`Self::wheels`].
+    /// Names of the wheels, in the order of the values in [`Self::wheels`].
     pub wheel_names: Vec<String>,
     /// `wheel_states`.
     pub wheels: Vec<JointSample>,
@@ -58,7 +58,7 @@ pub struct RecordedRun {
     pub mission: Option<MissionState>,
     /// The last `goal_pose`, with its frame.
     pub goal: Option<(String, Isometry3<f64>)>,
-    /// The last transform of every frame in `tf` and `tf_static`: from child to parent and pose in it.
+    /// The last transform of every frame in `tf` and `tf_static`, by child frame: parent frame, and pose in it.
     pub frames: BTreeMap<String, (String, Isometry3<f64>)>,
     /// `camera/tip_pose`.
     pub seen_tip: Vec<SeenPose>,
@@ -80,11 +80,11 @@ pub struct SeenPose {
 pub struct JointSample {
     /// Stamp \[ns\].
     pub time: i64,
-    /// \[rad or m\]
+    /// Positions \[rad or m\].
     pub q: Vec<f64>,
-    /// \[rad/s or m/s\]
+    /// Rates \[rad/s or m/s\].
     pub qd: Vec<f64>,
-    /// \[N m or N\]; empty if not recorded.
+    /// Mean efforts \[N m or N\]; empty if not recorded.
     pub effort: Vec<f64>,
 }
 
@@ -93,13 +93,13 @@ pub struct JointSample {
 pub struct MomentumSample {
     /// Stamp \[ns\].
     pub time: i64,
-    /// \[N s\]
+    /// Linear momentum \[N s\].
     pub linear: Vector3<f64>,
-    /// \[N m s\]
+    /// Angular momentum \[N m s\].
     pub angular: Vector3<f64>,
-    /// \[J\]
+    /// Kinetic energy \[J\].
     pub kinetic_energy: f64,
-    /// Dissipation by joints, deformation and bearings of wheels since the start \[J\].
+    /// Energy dissipated by joints, deformation and wheel bearings since the start \[J\].
     pub dissipated_energy: f64,
 }
 
@@ -108,27 +108,27 @@ pub struct MomentumSample {
 pub struct DeformationSample {
     /// Stamp \[ns\].
     pub time: i64,
-    /// \[J\]
+    /// Strain energy \[J\].
     pub strain_energy: f64,
     /// Names of the elastic joints.
     pub joint_names: Vec<String>,
-    /// \[rad or m\]
+    /// Motor positions \[rad or m\].
     pub motor_position: Vec<f64>,
-    /// \[rad/s or m/s\]
+    /// Motor rates \[rad/s or m/s\].
     pub motor_velocity: Vec<f64>,
 }
 
-/// What external wrenches have changed since the start: momentum about the system's centre of mass in world axes, and
+/// Changes due to external wrenches since the start: momentum about the system's centre of mass in world axes, and
 /// energy.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ExternalSample {
     /// Stamp \[ns\].
     pub time: i64,
-    /// \[N s\]
+    /// Linear impulse \[N s\].
     pub linear: Vector3<f64>,
-    /// \[N m s\]
+    /// Angular impulse \[N m s\].
     pub angular: Vector3<f64>,
-    /// \[J\]
+    /// Work \[J\].
     pub work: f64,
 }
 
@@ -148,9 +148,9 @@ pub struct BaseSample {
 pub struct ControllerSample {
     /// Stamp \[ns\].
     pub time: i64,
-    /// \[m\]
+    /// Position error \[m\].
     pub position_error: f64,
-    /// \[rad\]
+    /// Attitude error \[rad\].
     pub attitude_error: f64,
     /// Gain on the position error \[N/m\]; zero if the law does not control the position.
     pub k_p: f64,
@@ -235,18 +235,18 @@ impl RecordedRuns {
         }
     }
 
-    /// Whether something has touched the target in `namespace`.
+    /// Whether anything has touched the target in `namespace`.
     pub fn was_touched(&self, namespace: &str) -> bool {
         self.touched.contains(namespace)
     }
 
-    /// The robots that moved or were measured: namespaces and recorded data, of each run in order.
+    /// Robots, and targets with joints: namespaces and recorded data, run by run.
     pub fn robots(&self) -> impl Iterator<Item = (&str, &RecordedRun)> {
         self.robot_runs()
             .flat_map(|(namespace, runs)| runs.into_iter().map(move |run| (namespace, run)))
     }
 
-    /// The same with the runs of a robot together. A target with joints is a robot in the namespace
+    /// As [`Self::robots`], with the runs of a robot together. A target with joints has the namespace
     /// `ground_truth/NAME`.
     pub fn robot_runs(&self) -> impl Iterator<Item = (&str, Vec<&RecordedRun>)> {
         self.runs.iter().filter_map(|(namespace, runs)| {
@@ -260,7 +260,7 @@ impl RecordedRuns {
 
 type Take = fn(&mut RecordedRun, &Message);
 
-// The check of a topic reports messages that cannot be decoded; here they are ignored.
+// Undecodable messages are ignored here; the topic check reports them.
 const TOPICS: &[(&str, &str, Take)] = &[
     ("/robot_description", "std_msgs/msg/String", |run, m| {
         if let Ok(text) = m.decode::<std_msgs::String>() {
@@ -379,7 +379,7 @@ const OF_TARGETS: &[(&str, &str, Take)] = &[
 ];
 
 impl RecordedRun {
-    /// An empty run of the same robot: latched messages are not repeated after a reset.
+    /// An empty run of the same robot: latched data are kept, since they are not repeated after a reset.
     fn again(&self) -> Self {
         Self {
             model: self.model.clone(),
@@ -450,7 +450,7 @@ impl RecordedRun {
     pub fn pose_in_root(&self, frame: &str) -> (String, Isometry3<f64>) {
         let mut name = frame;
         let mut pose = Isometry3::identity();
-        // The depth of a tree is at most the number of frames; this bound ends a cycle.
+        // The number of frames limits the depth of a tree; this also terminates in case of a cycle.
         for _ in 0..self.frames.len() {
             let Some((parent, X_PC)) = self.frames.get(name) else {
                 break;
@@ -473,7 +473,7 @@ impl RecordedRun {
     }
 }
 
-/// A sample with values in the order of `names`, which the first message gives; `None` if it lacks some.
+/// A sample with values in the order of `names`, which the first message defines; `None` if a name is missing.
 fn sample_of(names: &mut Vec<String>, state: JointState) -> Option<JointSample> {
     if names.is_empty() {
         names.clone_from(&state.name);
@@ -504,7 +504,7 @@ fn seen(message: &Message) -> Option<SeenPose> {
     })
 }
 
-/// Seconds from `start` to `time` \[both ns\].
+/// Seconds from `start` to `time` (both in ns).
 pub fn seconds_since(start: i64, time: i64) -> f64 {
     let t = Time::from_nanos(time - start);
     t.seconds()

@@ -16,7 +16,7 @@ pub struct RecordedEstimation {
     pub targets: BTreeMap<String, Vec<Turning>>,
     /// Attitude of the base over time, from `ground_truth/odom`.
     pub base: Vec<Turning>,
-    /// The frame whose attitude is in `base`.
+    /// The base frame.
     pub base_frame: String,
     /// `estimator/angular_velocity`: times and values in camera axes at that time \[rad/s\].
     pub rates: Vec<(i64, Vector3<f64>)>,
@@ -70,7 +70,7 @@ pub struct RecordedPrediction {
 
 type Take = fn(&mut RecordedEstimation, &Message);
 
-/// Topics below a namespace. The check of a topic reports messages that cannot be decoded.
+/// Topics below a namespace. Undecodable messages are reported by the topic check.
 const TOPICS: [(&str, Take); 4] = [
     ("/ground_truth/odom", |estimation, m| {
         if let Ok(odom) = m.decode::<Odometry>() {
@@ -155,7 +155,7 @@ impl RecordedEstimation {
 
 fn turning(odom: &Odometry) -> Option<Turning> {
     let R_WB = attitude(&odom.pose.pose.orientation)?;
-    // Odometry contains twists in the moving frame.
+    // Twists of odometry are in the moving frame.
     let w_WB_W = R_WB * vector_from_msg(&odom.twist.twist.angular);
     Some(Turning {
         time: odom.header.stamp.nanos(),

@@ -4,7 +4,7 @@ use super::chart::{Figure, Panel, Series};
 use super::recorded::{RecordedRun, seconds_since};
 use crate::{control::capture::Phase, msg::fuyu_msgs::MissionState};
 
-/// Largest angular velocity of the base after a target was stopped \[rad/s\]: 0.05 deg/s.
+/// Largest angular velocity of the base at which a target counts as stopped \[rad/s\]: 0.05 deg/s.
 pub const STOPPED_RATE: f64 = 8.726_646_259_971_648e-4;
 
 /// A phase of a recorded mission.
@@ -12,11 +12,11 @@ pub const STOPPED_RATE: f64 = 8.726_646_259_971_648e-4;
 pub struct RecordedPhase<'a> {
     /// Its name.
     pub name: &'a str,
-    /// When it began \[s\].
+    /// Start \[s\].
     pub start: f64,
-    /// When it ended \[s\], or the last state.
+    /// End, or time of the last state \[s\].
     pub end: f64,
-    /// How it ended; empty if it did not.
+    /// Its outcome; empty if it has not ended.
     pub outcome: &'a str,
     /// Names, values and units of its figures.
     pub figures: Vec<(&'a str, f64, &'a str)>,
@@ -30,7 +30,7 @@ impl RecordedPhase<'_> {
     }
 }
 
-/// The phases of a mission in order, as far as the message has them.
+/// The phases of a mission in order, as far as the message contains them.
 pub fn phases(state: &MissionState) -> Vec<RecordedPhase<'_>> {
     let names = state.phase_name.iter().zip(&state.phase_start);
     let ends = state.phase_end.iter().zip(&state.outcome);
@@ -68,7 +68,8 @@ pub fn base_rate_at(run: &RecordedRun, time: f64) -> Option<f64> {
     Some(sample.V_WB_B.angular.norm())
 }
 
-/// Phases, distance of the tip from what the camera measures of the target, and angular velocity of the base, over time.
+/// Plot over time of the phases, the distance of the tip from the target as measured by the camera, and the base's
+/// rate.
 pub fn mission_figure(run: &RecordedRun) -> Option<Figure> {
     let phases = phases(run.mission.as_ref()?);
     let start = run.start();
@@ -139,7 +140,7 @@ mod tests {
             (20.0, 30.0, "seen")
         );
         assert!(!is_over(&state));
-        // From a peer that is wrong.
+        // From an erroneous publisher.
         state.figure_phase = vec![0, 7];
         state.phase_end.pop();
         assert_eq!(phases(&state).len(), 1);

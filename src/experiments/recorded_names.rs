@@ -1,13 +1,13 @@
 //! Names of robots and targets in a recording.
 
-/// Whether the topics of a target are in `namespace`: `ground_truth/NAME`, in the robot's namespace.
+/// Whether `namespace` is that of a target: `ground_truth/NAME`, below the robot's namespace.
 pub fn is_of_target(namespace: &str) -> bool {
     let parent = namespace.rsplit_once('/').map(|(parent, _)| parent);
     parent.is_some_and(|parent| parent.ends_with("/ground_truth"))
 }
 
-/// Name in reports of the robot or target with the topics in `namespace`: `chaser`, `target` or `chaser/target`; empty
-/// without a namespace.
+/// Name in reports of the robot or target with this namespace: `chaser`, `target` or `chaser/target`; empty without a
+/// namespace.
 pub fn title_of(namespace: &str) -> String {
     let title = match is_of_target(namespace) {
         true => namespace.replacen("/ground_truth/", "/", 1),

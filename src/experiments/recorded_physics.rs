@@ -1,4 +1,4 @@
-//! Momentum and energy of a recorded run.
+//! Momentum and energy balances of a recorded run.
 
 use nalgebra::Vector3;
 use std::{borrow::Cow, collections::HashMap};
@@ -19,7 +19,7 @@ pub struct Residual {
     pub scale_of: &'static str,
 }
 
-/// Residuals of linear and angular momentum from `ground_truth/momentum`, less what external wrenches have changed.
+/// Residuals of linear and angular momentum from `ground_truth/momentum`, minus the change due to external wrenches.
 pub fn momentum_residuals(run: &RecordedRun) -> Option<[Residual; 2]> {
     let first = run.momentum.first()?;
     let carried = carried(run);
@@ -58,7 +58,7 @@ pub(super) struct MotionMomentum {
     pub samples: usize,
 }
 
-/// Data missing in a run.
+/// Data that are missing in a run.
 pub(super) enum Missing {
     /// Not recorded.
     Data(&'static str),
@@ -111,9 +111,9 @@ pub(super) fn motion_momentum(run: &RecordedRun) -> Result<MotionMomentum, Missi
     })
 }
 
-/// Kinetic energy compared with work.
+/// Energy balance: kinetic energy compared with work.
 pub(super) struct EnergyBalance {
-    /// Largest difference between the change of kinetic energy and the work done since the start, without what
+    /// Largest difference between the change of kinetic energy and the work since the start, minus the part that
     /// [`unresolved_work`] explains \[J\].
     pub residual: f64,
     /// Sum of the differences that [`unresolved_work`] explains \[J\].
@@ -143,8 +143,8 @@ impl<'a> WorkSince<'a> {
     }
 }
 
-/// Kinetic and strain energy compared with the work of joint efforts, wheel torques, springs and external wrenches
-/// minus what is dissipated. That is recorded; if it is not, it is the joints' damping.
+/// Compares kinetic and strain energy with the work of joint efforts, wheel torques, springs and external wrenches
+/// minus the dissipated energy. If dissipation is not recorded, that of the joints' damping is computed.
 pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'static str> {
     let energy: HashMap<i64, &MomentumSample> = run.momentum.iter().map(|m| (m.time, m)).collect();
     let strain: HashMap<i64, f64> = (run.deformation.iter())
@@ -220,10 +220,10 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
     })
 }
 
-/// Everything that motors drive: the joints, then the motors of elastic joints, then the wheels.
+/// All motor-driven axes: the joints, then the motors of elastic joints, then the wheels.
 struct Driven<'a> {
     samples: Cow<'a, [JointSample]>,
-    /// How many there are besides the joints.
+    /// Number of axes other than joints.
     more: usize,
 }
 
@@ -237,7 +237,7 @@ impl<'a> Driven<'a> {
             };
         }
         let wheels: HashMap<i64, &JointSample> = run.wheels.iter().map(|w| (w.time, w)).collect();
-        // Samples of other motors than the first one's cannot be compared with it.
+        // Only samples with the same motors as the first one can be compared.
         let motors = run.deformation.first().map_or(&[][..], |d| &d.joint_names);
         let is_whole = |d: &&DeformationSample| {
             let lengths = [d.motor_position.len(), d.motor_velocity.len()];
@@ -299,7 +299,7 @@ fn usual_period(joints: &[JointSample]) -> i64 {
 
 /// The largest value; NaN if any value is NaN.
 pub(super) fn max(values: impl Iterator<Item = f64>) -> f64 {
-    // Comparisons would drop a NaN.
+    // Comparisons would discard a NaN.
     values.fold(0.0, |m, v| if v > m || v.is_nan() { v } else { m })
 }
 
@@ -314,7 +314,7 @@ fn scale_of(initial: f64, carried: f64) -> (f64, &'static str) {
     }
 }
 
-/// Largest sum over the bodies of the magnitudes of their momenta (linear, angular); zero if unknown.
+/// Largest sum of the magnitudes of the bodies' momenta (linear, angular); zero if unknown.
 fn carried(run: &RecordedRun) -> (f64, f64) {
     let Some(Ok(model)) = &run.model else {
         return (0.0, 0.0);
@@ -356,7 +356,7 @@ impl RecordedMotion {
         })
     }
 
-    /// Momentum in world axes, and the sum over the bodies of its magnitude.
+    /// Momentum in world axes, and the sum of the magnitudes over the bodies.
     fn momentum(&mut self, joints: &JointSample, base: &BaseSample) -> (Momentum, (f64, f64)) {
         let state = &mut self.state;
         for (i, &j) in self.order.iter().enumerate() {
@@ -384,8 +384,8 @@ fn passive(run: &RecordedRun) -> Vec<(f64, Spring)> {
 
 /// Largest work between samples `a` and `b` that their mean effort and motion do not show \[J\]; `next` is the sample
 /// after `b`. The mean of a product differs from the product of the means by at most a quarter of the product of both
-/// ranges (Grüss 1935, Math. Z. 39, p. 215). A command that acts between two samples has such a range; constant efforts
-/// have none.
+/// ranges (Grüss 1935, Math. Z. 39, p. 215). Only if a command acts between two samples does the effort have such a
+/// range.
 fn unresolved_work(a: &JointSample, b: &JointSample, next: &JointSample) -> f64 {
     let dt = (b.time - a.time) as f64 * 1e-9;
     let effort = |sample: &JointSample, j: usize| sample.effort.get(j).copied().unwrap_or(0.0);
@@ -393,25 +393,25 @@ fn unresolved_work(a: &JointSample, b: &JointSample, next: &JointSample) -> f64 
         let around = [effort(a, j), effort(b, j), effort(next, j)];
         let highest = around.into_iter().fold(f64::NEG_INFINITY, f64::max);
         let lowest = around.into_iter().fold(f64::INFINITY, f64::min);
-        // A rate that is not a number says nothing of its range.
+        // NaN rates have no known range and get no allowance.
         let rates = (b.qd[j] - a.qd[j]).abs();
         0.25 * (highest - lowest) * if rates.is_nan() { 0.0 } else { rates } * dt
     };
     (0..b.q.len()).map(of_joint).sum()
 }
 
-/// Work of efforts and springs minus damping losses between two samples \[J\], and the sum of the absolute values of
-/// its parts.
+/// Work of efforts and springs minus damping losses between two samples \[J\], and the sum of the magnitudes of these
+/// parts.
 fn work_between(a: &JointSample, b: &JointSample, passive: &[(f64, Spring)]) -> (f64, f64) {
     let dt = (b.time - a.time) as f64 * 1e-9;
     let (mut work, mut flow) = (0.0, 0.0);
     for (j, (damping, spring)) in passive.iter().enumerate() {
         let moved = b.q[j] - a.q[j];
-        // A sample's effort acted since the previous sample; rates in between are interpolated linearly.
+        // A sample's effort has acted since the previous sample; rates in between are interpolated linearly.
         let done = b.effort.get(j).copied().unwrap_or(0.0) * moved;
-        // The work of a spring depends only on its end points.
+        // The work of a spring depends on the end points only.
         let released = spring.stiffness * (spring.rest - 0.5 * (a.q[j] + b.q[j])) * moved;
-        // Without damping, rates are not used, so NaN rates do no harm.
+        // Without damping, rates are not used, so that NaN rates do no harm.
         let lost = match *damping {
             0.0 => 0.0,
             c => c * dt * (a.qd[j] * a.qd[j] + a.qd[j] * b.qd[j] + b.qd[j] * b.qd[j]) / 3.0,
@@ -426,8 +426,8 @@ fn work_between(a: &JointSample, b: &JointSample, passive: &[(f64, Spring)]) -> 
 mod tests {
     use super::*;
 
-    // A body of 1 kg at 1 m/s that is braked with 2 N in the second half of 0.1 s. Would break if a change of effort
-    // between two samples counted as an error of the energy.
+    // A body of 1 kg at 1 m/s, braked by 2 N during the second half of 0.1 s. Would break if a change of effort between
+    // two samples counted as an energy error.
     #[test]
     fn an_effort_that_changes_between_samples_is_allowed_for() {
         let sample = |time, q, qd, effort| JointSample {
@@ -447,7 +447,7 @@ mod tests {
         let allowed = unresolved_work(&a, &b, &next);
         assert!((error - 0.0025).abs() < 1e-12, "{error}");
         assert!((allowed - 0.005).abs() < 1e-12, "{allowed}");
-        // With the same effort throughout nothing is allowed.
+        // With a constant effort there is no allowance.
         assert_eq!(unresolved_work(&next, &next, &next), 0.0);
     }
 }

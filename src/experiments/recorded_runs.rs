@@ -1,4 +1,4 @@
-//! Runs within a recording: a reset of the simulation, or a bag that is played again, restarts the time.
+//! Runs within a recording: time restarts after a reset of the simulation, or when a bag is played again.
 
 use std::collections::BTreeMap;
 
@@ -6,24 +6,25 @@ use super::recorded_names::is_of_target;
 use crate::bag::Message;
 use crate::msg::{self, scan::scan};
 
-/// Topics of the node that owns the time. Each is in order.
+/// Topics of the node that owns the time. Messages of each topic are in order.
 const TIMED: [&str; 3] = [
     "/joint_states",
     "/ground_truth/odom",
     "/ground_truth/momentum",
 ];
 
-/// A state that is earlier than the one before by more than this restarts the time; by less only if it is the earliest of
-/// the run, otherwise it is out of order \[ns\].
+/// Time has restarted if a state is earlier than the previous one by more than this \[ns\]; if by less, only if it is
+/// the earliest of the run, otherwise it is merely out of order.
 const RESTART: i64 = 1_000_000_000;
 
-/// A message of another topic with a stamp later than the run by more than this was left over from the run before \[ns\].
+/// A message of another topic whose stamp is later than the run by more than this was left over from the previous run
+/// \[ns\].
 const LEFT_OVER: i64 = 1_000_000_000;
 
-/// Finds the run of each message, by the stamps of each robot's states.
+/// Determines the run of each message by the stamps of each robot's states.
 #[derive(Debug, Default)]
 pub struct RunCounter {
-    /// By namespace.
+    /// Current runs by namespace.
     robots: BTreeMap<String, Run>,
 }
 
@@ -32,21 +33,22 @@ struct Run {
     index: usize,
     /// The earliest stamp of a state in this run \[ns\].
     first: Option<i64>,
-    /// The latest one \[ns\].
+    /// The latest stamp of a state in this run \[ns\].
     latest: i64,
     /// The last stamp of each topic of states in this run \[ns\].
     last: BTreeMap<&'static str, i64>,
 }
 
 impl RunCounter {
-    /// The run that a message belongs to: 0, and one more for every restart of the time of its robot. Messages must be
-    /// given in their order.
+    /// The run of a message: 0, plus one for every restart of its robot's time. Messages must be given in their
+    /// recorded order.
     pub fn run_of(&mut self, message: &Message) -> usize {
         let name = message.topic.name.as_str();
         let timed = TIMED
             .into_iter()
             .find_map(|topic| Some((topic, name.strip_suffix(topic)?)));
-        // `/camera/joint_states` is a robot's. A target's topics belong to the run of the robot in whose world it is.
+        // `/camera/joint_states` belongs to a robot. A target's topics belong to the run of the robot in whose world it
+        // is.
         let timed = timed.filter(|(_, namespace)| !is_of_target(namespace));
         if let Some((topic, namespace)) = timed {
             let Some(stamp) = stamp(message) else {
@@ -64,17 +66,17 @@ impl RunCounter {
         }
     }
 
-    /// How many times the time of the robot that `topic` belongs to has restarted.
+    /// Number of restarts of the time of the robot to which `topic` belongs.
     pub fn index(&self, topic: &str) -> usize {
         self.robot(topic).map_or(0, |run| run.index)
     }
 
-    /// How many times the time of any robot has restarted.
+    /// Total number of restarts of the time of any robot.
     pub fn restarts(&self) -> usize {
         self.robots.values().map(|run| run.index).sum()
     }
 
-    /// The robot in the innermost namespace of a topic; for topics above all robots, such as `/tf`, the first one.
+    /// The robot of the innermost namespace of a topic; the first robot for topics above all robots, such as `/tf`.
     fn robot(&self, topic: &str) -> Option<&Run> {
         let inside = |namespace: &&String| {
             topic
@@ -99,7 +101,7 @@ impl Run {
                 self.latest = stamp;
                 self.first = None;
             }
-            // The last states of the run before, on a topic that was recorded later.
+            // The last states of the previous run, on a topic that was recorded later.
             None if self.index > 0 && stamp > self.latest + LEFT_OVER => return self.index - 1,
             _ => {}
         }
@@ -134,13 +136,13 @@ mod tests {
         for t in 0..100 {
             assert_eq!((take(0, t), take(1, t)), (0, 0));
         }
-        // The base's state of the first run is recorded after the joints' of the second.
+        // The base's state of the first run is recorded after the joints' state of the second run.
         assert_eq!(take(0, 0), 1);
         assert_eq!(take(1, 100), 0);
         assert_eq!((take(1, 0), take(0, 1), take(1, 1)), (1, 1, 1));
-        // A state that was published twice is no restart.
+        // A state that was published twice is not a restart.
         assert_eq!((take(0, 1), take(0, 50)), (1, 1));
-        // Neither is one that is out of order.
+        // Neither is a state that is out of order.
         assert_eq!((take(0, 45), take(0, 51)), (1, 1));
         assert_eq!(take(0, 2), 2);
     }

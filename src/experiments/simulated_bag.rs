@@ -1,4 +1,4 @@
-//! A simulated run as a bag: the messages that the nodes would publish, stamped and recorded in simulated time, so that
+//! Bag of a simulated run: the messages that the nodes would publish, stamped and recorded in simulated time, so that
 //! the same scenario gives the same file.
 
 use std::path::Path;
@@ -30,18 +30,18 @@ use crate::{
     ros::Time,
 };
 
-/// Writes the bag of one run, of one robot or several.
+/// Writes the bag of one run with one or several robots.
 pub struct SimulatedBag {
     writer: Writer,
     clock: TopicId,
     robots: Vec<RobotTopics>,
 }
 
-/// A robot whose run is recorded.
+/// A robot to be recorded.
 pub struct Recorded<'a> {
     /// Namespace of its topics, `/` without one.
     pub namespace: &'a str,
-    /// Its run.
+    /// Its closed loop.
     pub run: &'a ClosedLoop,
     /// Its URDF.
     pub description: &'a str,
@@ -58,16 +58,16 @@ struct RobotTopics {
     momentum: TopicId,
     appendages: Option<TopicId>,
     wheels: Option<TopicId>,
-    /// If something from outside can act on the robot, or if it can grasp or touch targets.
+    /// `None` unless external wrenches, thrusters or targets can act on the robot.
     external_impulse: Option<TopicId>,
-    /// If there is contact.
+    /// `None` without contact.
     contacts: Option<TopicId>,
-    /// If there is a force and torque sensor.
+    /// `None` without a force and torque sensor.
     wrist: Option<TopicId>,
     imu: TopicId,
     tf: TopicId,
     servo: Option<ServoTopics>,
-    /// Commands of an operator.
+    /// Joint rates commanded by an operator.
     rates: Option<TopicId>,
     attitude: Option<AttitudeTopics>,
     images: Option<RenderedImages>,
@@ -98,7 +98,7 @@ impl RenderedImages {
         Ok(Self { images, topics })
     }
 
-    /// Whether the calibration of the camera that sees the features is among them.
+    /// Whether the images include those of the main camera, with its calibration.
     fn has_main(images: &SimulatedImages) -> bool {
         let main = format!("{MAIN}/camera_info");
         images.outputs().iter().any(|output| output.topic == main)
@@ -156,7 +156,7 @@ impl AttitudeTopics {
 /// Topics of a target.
 struct TargetTopics {
     odometry: TopicId,
-    /// Joint states and momentum, if it has joints.
+    /// Joint states and momentum; `None` without joints.
     joints: Option<(TopicId, TopicId)>,
 }
 
@@ -197,11 +197,11 @@ impl TargetTopics {
     }
 }
 
-/// Messages of an estimator and a mission.
+/// Topics of an estimator and a mission.
 struct CaptureTopics {
     prediction: TopicId,
     wrench: TopicId,
-    /// If the mission uses wheels and thrusters.
+    /// `None` unless the mission uses wheels.
     wheels: Option<TopicId>,
     thrusters: Option<TopicId>,
     state: TopicId,
@@ -212,10 +212,10 @@ struct CaptureTopics {
 struct ServoTopics {
     tip_pose: TopicId,
     goal_pose: TopicId,
-    /// If the camera watches a target.
+    /// `None` unless the camera tracks a target.
     features: Option<TopicId>,
     commands: TopicId,
-    /// Of a controller.
+    /// `None` without a controller.
     state: Option<TopicId>,
     capture: Option<CaptureTopics>,
     messages: Option<ControllerMessages>,
@@ -337,7 +337,7 @@ impl SimulatedBag {
     /// Starts a bag in the new folder `folder`.
     ///
     /// # Errors
-    /// When the folder exists or cannot be written.
+    /// If the folder exists or cannot be written.
     pub fn create(folder: &Path, robots: Vec<Recorded>) -> Result<Self, BagError> {
         let mut writer = Writer::create(folder, WriterOptions::default())?;
         let clock =
@@ -352,7 +352,7 @@ impl SimulatedBag {
         })
     }
 
-    /// Writes the time.
+    /// Writes `/clock`.
     ///
     /// # Errors
     /// When the bag cannot be written.
@@ -399,10 +399,10 @@ impl SimulatedBag {
         w.write_message(t.tf, log, &t.frames.transforms(stamp, world))
     }
 
-    /// Renders the images that are due for the present state of a robot, and writes those whose latency has passed.
+    /// Renders the images that are due at the current state of a robot, and writes those whose latency has passed.
     ///
     /// # Errors
-    /// When the state is not finite, or the bag cannot be written.
+    /// If the state is not finite, or the bag cannot be written.
     pub fn images<E>(&mut self, robot: usize, world: &World) -> Result<(), E>
     where
         E: From<String> + From<BagError>,
@@ -417,7 +417,7 @@ impl SimulatedBag {
         Ok(())
     }
 
-    /// Writes the messages that camera and controller, or an operator, of a robot publish in response to a state.
+    /// Writes the messages that the other nodes of a robot publish in response to a state.
     ///
     /// # Errors
     /// When the bag cannot be written.
@@ -512,10 +512,10 @@ impl SimulatedBag {
     }
 }
 
-/// Adds topics in a namespace.
+/// Adds topics in the namespace of a robot.
 struct Namespaced<'a> {
     writer: &'a mut Writer,
-    /// Without a slash at its end.
+    /// The namespace, without a slash at its end.
     namespace: &'a str,
 }
 

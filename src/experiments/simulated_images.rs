@@ -1,4 +1,4 @@
-//! Images of a simulated run: rendered as by the camera node, without its thread.
+//! Images of a simulated run, rendered as by the camera node but without its thread.
 
 use super::ClosedLoop;
 use crate::{
@@ -14,11 +14,11 @@ use crate::{
     vision::FrameStream,
 };
 
-/// Cameras whose images are rendered, with those that wait for their latency.
+/// Cameras whose images are rendered, and images that wait for their latency.
 pub struct SimulatedImages {
     stage: Stage,
     imager: Imager,
-    /// Indices of the targets that are drawn.
+    /// Indices of the drawn targets.
     targets: Vec<usize>,
     outputs: Vec<Output>,
     stream: FrameStream<Vec<(usize, ImageMessage)>>,
@@ -28,17 +28,17 @@ impl SimulatedImages {
     /// The cameras of `params` on the robot of a run, whose description is `xml`.
     ///
     /// # Errors
-    /// A line that names the parameter or the mesh that is wrong.
+    /// A line that names the invalid parameter or mesh.
     pub fn new(params: &ImageParams, run: &ClosedLoop, xml: &str) -> Result<Self, String> {
         Self::of_world(params, &run.world, xml)
     }
 
-    /// The same for a world.
+    /// As [`Self::new`], for a world.
     ///
     /// # Errors
-    /// A line that names the parameter or the mesh that is wrong.
+    /// A line that names the invalid parameter or mesh.
     pub fn of_world(params: &ImageParams, world: &World, xml: &str) -> Result<Self, String> {
-        // The camera's model, as the node compiles it.
+        // Compiled as in the camera node.
         let body = |xml: &str, source: &str| {
             let repaired = Model::repaired_from_urdf(xml, source).map_err(|e| e.to_string())?;
             Ok::<_, String>(Body::new(repaired.model, &checked_shape(xml, source)?))
@@ -61,20 +61,20 @@ impl SimulatedImages {
         })
     }
 
-    /// The topics, in the order of the indices of messages.
+    /// The output topics; indices in other results refer to this order.
     pub fn outputs(&self) -> &[Output] {
         &self.outputs
     }
 
-    /// The calibrations.
+    /// The calibrations, with the indices of their outputs.
     pub fn infos(&self) -> Vec<(usize, ImageMessage)> {
         self.imager.infos(0.0)
     }
 
-    /// Shows the cameras the present state, and returns the delivered images: indices of outputs, and messages.
+    /// Exposes the cameras to the current state. Returns the delivered images with the indices of their outputs.
     ///
     /// # Errors
-    /// When the state is not finite.
+    /// If the state is not finite.
     pub fn show(&mut self, world: &World) -> Result<Vec<(usize, ImageMessage)>, String> {
         let stamp = Time::from_secs_f64(world.time());
         let time = stamp.as_secs_f64();

@@ -1,4 +1,4 @@
-//! A run of a scenario without DDS, from its first state to its last, for `fuyu simulate` and campaigns.
+//! Simulation of a scenario without DDS, from its first to its last state, for `fuyu simulate` and campaigns.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -12,35 +12,35 @@ use crate::{
     bag::BagError, control::ConvergenceFailure, nodes::scenario::Scenario, vision::PoseFrame,
 };
 
-/// Time that is simulated after the last mission is over, here and by `fuyu launch` \[s\].
+/// Time simulated after the end of the last mission, here and by `fuyu launch` \[s\].
 pub const AFTER_MISSIONS: f64 = 2.0;
-/// Simulated time of a scenario that states none \[s\].
+/// Simulated time of a scenario without a duration \[s\].
 const DEFAULT_DURATION: f64 = 60.0;
 
-/// Observations of a robot's run.
+/// Observations of a robot during a run.
 pub struct Observed {
     /// Its figures.
     pub performance: Performance,
-    /// Its events; none if they are not wanted.
+    /// Its events; empty if they are not collected.
     pub events: EventWatch,
     wants_events: bool,
-    /// Since when \[s\] and why its tip does not converge, if it does not at the end.
+    /// If the tip does not converge at the end: since when \[s\], and why.
     pub trouble: Option<(f64, ConvergenceFailure)>,
 }
 
 /// Reasons for ending a simulation early.
 #[derive(Debug)]
 pub enum Stop {
-    /// The motion cannot go on: a line that says why.
+    /// The motion cannot be continued, for the given reason.
     Physics(String),
     /// The bag cannot be written.
     Bag(BagError),
-    /// Who watches the simulation has ended it: a line that says why.
+    /// The watcher has ended the simulation, for the given reason.
     Watcher(String),
 }
 
 impl Stop {
-    /// A line for the user.
+    /// A line that describes the reason to the user.
     pub fn describe(&self, scenario: &Scenario) -> String {
         match self {
             Self::Physics(problem) => format!("{}: {problem}", scenario.path().display()),
@@ -89,11 +89,11 @@ impl<'a> Report<'a> {
 /// Output of `fuyu simulate --json` for several robots.
 #[derive(Serialize)]
 struct Reports<'a> {
-    /// By namespace.
+    /// Reports by namespace.
     robots: BTreeMap<&'a str, Report<'a>>,
 }
 
-/// Simulated time: the given one, or the scenario's \[s\].
+/// Simulated time \[s\]: `given`, or otherwise the scenario's.
 pub fn duration_of(fleet: &Fleet, given: Option<f64>) -> f64 {
     let own = Some(fleet.duration()).filter(|duration| *duration > 0.0);
     given.or(own).unwrap_or(DEFAULT_DURATION)
@@ -126,7 +126,7 @@ pub fn create_bag(
     bag.map_err(|e| e.to_string())
 }
 
-/// The images that the scenario's camera renders.
+/// The images rendered by the scenario's camera.
 fn images(
     scenario: &Scenario,
     run: &ClosedLoop,
@@ -143,10 +143,11 @@ fn images(
     images.map(Some).map_err(at)
 }
 
-/// Simulates up to `duration` \[s\], the last state included. `watch` sees every state after it was answered.
+/// Simulates up to and including the state at `duration` \[s\]. `watch` is called with every state after it was
+/// answered.
 ///
 /// # Errors
-/// Why it ended early.
+/// The reason for ending early.
 pub fn simulate(
     fleet: &mut Fleet,
     duration: f64,
@@ -165,8 +166,8 @@ pub fn simulate(
     }
 }
 
-/// Whether the present state is the last one: the duration has passed, or there are missions and all have been over for
-/// [`AFTER_MISSIONS`].
+/// Whether the current state is the last one: the duration has passed, or there are missions and all of them ended at
+/// least [`AFTER_MISSIONS`] ago.
 pub(super) fn is_over(fleet: &Fleet, duration: f64) -> bool {
     let missions = fleet.robots().filter_map(|(_, run)| run.capturing());
     let ends = missions.map(|capturing| capturing.mission().ended());
@@ -176,7 +177,7 @@ pub(super) fn is_over(fleet: &Fleet, duration: f64) -> bool {
 }
 
 impl Observed {
-    /// Of the robots at the start, with these `figures`.
+    /// Initial observations of all robots, with the selected `figures`.
     pub(super) fn all(fleet: &Fleet, figures: Figures) -> Vec<Self> {
         let observed = fleet.robots().map(|(_, closed_loop)| Self {
             performance: Performance::new(&closed_loop.world, figures),
@@ -188,10 +189,10 @@ impl Observed {
     }
 }
 
-/// Cameras and controllers answer the present state of all robots.
+/// Lets cameras and controllers answer the current state of all robots.
 ///
 /// # Errors
-/// Why it cannot go on.
+/// The reason why the simulation cannot continue.
 pub(super) fn answer(
     fleet: &mut Fleet,
     observed: &mut [Observed],
@@ -236,7 +237,7 @@ pub(super) fn answer(
     Ok(())
 }
 
-/// The figures of each robot. `wall_time` is the time that the run took \[s\].
+/// The performance figures of each robot. `wall_time` is the duration of the run \[s\].
 pub fn summaries(fleet: &Fleet, observed: &[Observed], wall_time: f64) -> Vec<Summary> {
     let of_robots = fleet.robots().zip(observed);
     let of_robots = of_robots.map(|((_, closed_loop), observed)| {
@@ -245,10 +246,10 @@ pub fn summaries(fleet: &Fleet, observed: &[Observed], wall_time: f64) -> Vec<Su
     of_robots.collect()
 }
 
-/// One object of a robot, or one with the robots by namespace if there are several.
+/// The results as JSON: one object for a single robot, otherwise an object with the robots by namespace.
 ///
 /// # Errors
-/// None with the types that there are; serde's in general.
+/// None with the present types; serde's in general.
 pub fn results(
     fleet: &Fleet,
     observed: &[Observed],
@@ -262,7 +263,7 @@ pub fn results(
     })
 }
 
-/// The same as text, in the order of the types' fields.
+/// As [`results`], as text in the order of the types' fields.
 ///
 /// # Errors
 /// As [`results`].

@@ -3,7 +3,7 @@
 use super::{Fleet, simulation::Observed};
 use crate::nodes::scenario::Scenario;
 
-/// Refuses a scenario with one of several robots, whose others are simulated elsewhere.
+/// Refuses a scenario with one of several robots if the others are simulated elsewhere.
 ///
 /// # Errors
 /// A line that names the file.

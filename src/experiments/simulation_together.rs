@@ -1,4 +1,5 @@
-//! Several runs at the same time in one thread: the integration steps of their plants are computed in SIMD lanes.
+//! Simultaneous simulation of several runs in one thread: the integration steps of their plants are computed in SIMD
+//! lanes.
 
 use super::{
     Figures, Fleet,
@@ -6,14 +7,14 @@ use super::{
 };
 use crate::{dynamics::Together, nodes::dynamics::HeldTick, vision::PoseFrame};
 
-/// A run.
+/// One of the runs.
 struct Run<'a> {
     fleet: &'a mut Fleet,
     duration: f64,
     observed: Vec<Observed>,
-    /// How it has ended.
+    /// Its outcome, once it has ended.
     end: Option<Result<(), Stop>>,
-    /// The steps of this tick that are computed together.
+    /// The held tick in progress, whose steps are computed together with others.
     tick: Option<HeldTick>,
     /// Whether its robot can be stepped together with others.
     fits: bool,
@@ -24,7 +25,7 @@ impl Run<'_> {
         self.end.is_none()
     }
 
-    /// Answers the present state, and ends if it is the last one.
+    /// Answers the current state, and ends the run if it is the last one.
     fn answer(
         &mut self,
         frames: &mut Vec<PoseFrame>,
@@ -38,7 +39,7 @@ impl Run<'_> {
         }
     }
 
-    /// Begins the next tick, or computes it.
+    /// Begins a held tick, or computes the next tick at once.
     fn begin_tick(&mut self) {
         let robot = self.fleet.only_robot().filter(|_| self.fits);
         self.tick = robot.and_then(|robot| robot.world.begin_held_tick());
@@ -49,7 +50,7 @@ impl Run<'_> {
         }
     }
 
-    /// Ends a tick that was computed together.
+    /// Ends a held tick.
     fn finish_tick(&mut self) {
         if self.tick.take().is_none() {
             return;
@@ -63,9 +64,9 @@ impl Run<'_> {
     }
 }
 
-/// Simulates each fleet up to its duration \[s\], the last state included, as [`simulate`](super::simulation::simulate)
-/// does, with the same results to the bit; of the figures that are costly, those that are wanted. `watch` sees every state of
-/// each, which it is told by number.
+/// Simulates each fleet up to and including its duration \[s\], with the same results as
+/// [`simulate`](super::simulation::simulate), bit by bit. Of the expensive figures, only `figures` are computed.
+/// `watch` is called with the number of a run and each of its states.
 pub fn simulate_together(
     fleets: &mut [(Fleet, f64)],
     figures: Figures,
@@ -99,7 +100,7 @@ pub fn simulate_together(
     ends.collect()
 }
 
-/// Whether the robot of `fleet` can be stepped in `lanes`, which are made for the first one that can.
+/// Whether the robot of `fleet` can be stepped in `lanes`, which are created for the first suitable robot.
 fn fits(lanes: &mut Option<Together>, fleet: &mut Fleet) -> bool {
     let Some(robot) = fleet.only_robot() else {
         return false;
@@ -113,7 +114,7 @@ fn fits(lanes: &mut Option<Together>, fleet: &mut Fleet) -> bool {
     (lanes.as_ref()).is_some_and(|lanes| lanes.fits(robot))
 }
 
-/// Takes the steps of all ticks that have begun.
+/// Computes the steps of all held ticks in progress.
 fn step_together(lanes: &mut Option<Together>, runs: &mut [Run]) {
     let Some(lanes) = lanes else { return };
     let mut rest: Vec<_> = runs
@@ -123,7 +124,7 @@ fn step_together(lanes: &mut Option<Together>, runs: &mut [Run]) {
             Some((tick, run.fleet.only_robot()?.world.held_robot()?))
         })
         .collect();
-    // Almost always all have the same steps.
+    // Almost always all runs have the same steps.
     while let Some((first, _)) = rest.first() {
         let first = *first;
         let (same, others): (Vec<_>, Vec<_>) =

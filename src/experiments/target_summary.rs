@@ -1,4 +1,4 @@
-//! Report of `fuyu simulate` on targets with joints.
+//! Summary of targets with joints, as reported by `fuyu simulate`.
 
 use std::collections::BTreeMap;
 
@@ -7,20 +7,20 @@ use serde::Serialize;
 use super::balance::{Balance, Carried, MomentumResidual};
 use crate::nodes::dynamics::{Target, World};
 
-/// Joints of a target at the end of a run, and how well its momentum and energy were conserved.
+/// Final joint state of a target, and residuals of its momentum and energy.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TargetSummary {
     /// Final joint positions by name \[rad or m\].
     pub joint_positions: BTreeMap<String, f64>,
     /// Final joint rates by name \[rad/s or m/s\].
     pub joint_velocities: BTreeMap<String, f64>,
-    /// As [`Balance::momentum_residual`].
+    /// Momentum residual, see [`Balance::momentum_residual`].
     pub momentum_residual: MomentumResidual,
-    /// As [`Balance::energy_residual`].
+    /// Energy residual, see [`Balance::energy_residual`].
     pub energy_residual: f64,
 }
 
-/// Momentum and energy of a target; together with the robot, if that can grasp or touch it.
+/// Momentum and energy of a target, or, if the robot can grasp or touch it, of both together.
 fn carried(world: &World, target: &Target) -> Carried {
     let mut coupled = world.coupled_targets();
     match coupled.any(|other| other.name == target.name) {
@@ -33,7 +33,7 @@ fn carried(world: &World, target: &Target) -> Carried {
 pub(super) struct TargetBalances(Vec<Option<Balance>>);
 
 impl TargetBalances {
-    /// Starts with the present state.
+    /// Starts balances with the current state.
     pub fn new(world: &World) -> Self {
         let balance = |target: &Target| {
             target
@@ -43,7 +43,7 @@ impl TargetBalances {
         Self(world.targets.iter().map(balance).collect())
     }
 
-    /// Adds the present state.
+    /// Adds the current state.
     pub fn see(&mut self, world: &World) {
         for (balance, target) in self.0.iter_mut().zip(&world.targets) {
             if let Some(balance) = balance {
@@ -52,7 +52,7 @@ impl TargetBalances {
         }
     }
 
-    /// The figures by the targets' names.
+    /// The summaries by the targets' names.
     pub fn summary(&self, world: &World) -> BTreeMap<String, TargetSummary> {
         let with_targets = self.0.iter().zip(&world.targets);
         let summary = |(balance, target): (&Option<Balance>, &Target)| {

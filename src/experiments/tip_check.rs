@@ -1,4 +1,5 @@
-//! Final errors of the tip in a recorded run: whether position and attitude were controlled, and the uncertainty of the errors.
+//! Final tip errors of a recorded run: whether position and attitude were controlled, and the uncertainty of the
+//! errors.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -7,18 +8,18 @@ use super::recorded::{RecordedRun, SeenPose};
 /// A measured deviation with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Deviation {
-    /// \[m\] or \[rad\]
+    /// Distance \[m\] or angle \[rad\].
     pub value: f64,
     /// Standard deviation of `value` \[m or rad\].
     pub uncertainty: f64,
 }
 
-/// The final error of the tip by one source.
+/// The final tip error according to one source.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct FinalError {
     /// Name of the source.
     pub name: &'static str,
-    /// The measured quantity, in words.
+    /// Description of the measured quantity.
     pub source: String,
     /// Distance from the goal \[m\].
     pub position: Deviation,
@@ -33,7 +34,7 @@ pub(super) struct Controlled {
     pub attitude: bool,
 }
 
-/// By the gains of the last controller state; both if it has none.
+/// Determined by the gains in the last controller state; both if there is none.
 pub(super) fn controlled(run: &RecordedRun) -> Controlled {
     match run.controller.last().map(|s| (s.k_p != 0.0, s.k_o != 0.0)) {
         None | Some((false, false)) => Controlled {
@@ -44,7 +45,7 @@ pub(super) fn controlled(run: &RecordedRun) -> Controlled {
     }
 }
 
-/// The final errors by controller, camera and tf, as far as they were recorded.
+/// The final errors according to controller, camera and tf, as far as recorded.
 pub(super) fn final_errors(run: &RecordedRun) -> Vec<FinalError> {
     let exact = |name, source: &str, (position, attitude)| FinalError {
         name,
@@ -72,21 +73,21 @@ impl Deviation {
         }
     }
 
-    /// The limit for `value`: three standard deviations more than `limit`.
+    /// The limit for `value`: `limit` plus three standard deviations.
     pub fn allowed(&self, limit: f64) -> f64 {
         limit + 3.0 * self.uncertainty
     }
 }
 
-/// Time at the end of a run whose frames are averaged if they are noisy \[ns\].
+/// Time at the end of a run over which noisy frames are averaged \[ns\].
 const AVERAGED: i64 = 1_000_000_000;
-/// Frames that determine the noise.
+/// Number of frames from which the noise is estimated.
 const NOISE_FRAMES: usize = 60;
-/// Noise below this is no reason to average \[m or rad\].
+/// Noise below which frames are not averaged \[m or rad\].
 const NEGLIGIBLE: f64 = 1e-4;
 
-/// Tip and goal by the camera. A noisy camera says less about the tip with its last frame than with the mean of
-/// several, so the frames of the last second count.
+/// Error between tip and goal according to the camera. The mean over the last second is more accurate than the last
+/// frame if the camera is noisy.
 fn seen_tip_error(run: &RecordedRun) -> Option<FinalError> {
     let pairs = pairs(&run.seen_tip, &run.seen_goal);
     let &(end, last) = pairs.last()?;
@@ -123,7 +124,7 @@ fn seen_tip_error(run: &RecordedRun) -> Option<FinalError> {
     })
 }
 
-/// Stamps, and the goal as seen from the tip, in axes of the base.
+/// Stamps, and the poses of the goal relative to the tip, in base axes.
 fn pairs(tips: &[SeenPose], goals: &[SeenPose]) -> Vec<(i64, Isometry3<f64>)> {
     let mut goals = goals.iter().peekable();
     let mut pairs = Vec::new();
@@ -139,7 +140,7 @@ fn pairs(tips: &[SeenPose], goals: &[SeenPose]) -> Vec<(i64, Isometry3<f64>)> {
     pairs
 }
 
-/// Standard deviation of the noise in a smooth sequence of vectors, by its second differences.
+/// Standard deviation of the noise in a smooth sequence of vectors, estimated from second differences.
 fn noise(values: &[Vector3<f64>]) -> f64 {
     let squares = values
         .windows(3)
@@ -147,12 +148,12 @@ fn noise(values: &[Vector3<f64>]) -> f64 {
     let count = values.len().saturating_sub(2);
     match count {
         0 => 0.0,
-        // The second difference of independent values has six times their variance.
+        // Second differences of independent values have six times their variance.
         count => (squares.sum::<f64>() / (6.0 * count as f64)).sqrt(),
     }
 }
 
-/// Tip and goal from tf, which depends on neither controller nor camera.
+/// Errors between tip and goal according to tf, which depends on neither controller nor camera.
 fn true_tip_error(run: &RecordedRun) -> Option<(f64, f64)> {
     const TIP: &str = "tool0";
     run.frames.get(TIP)?;
@@ -195,13 +196,13 @@ mod tests {
 
     #[test]
     fn noise_is_averaged_and_hides_no_error() {
-        // Alternating, and so the worst case for second differences: they overestimate its deviation twofold.
+        // Alternating noise is the worst case for second differences: they overestimate its deviation twofold.
         let noise = |i: i64| if i % 2 == 0 { 0.02 } else { -0.02 };
         let arrived = camera(noise);
         assert!(arrived.value <= arrived.allowed(0.01), "{arrived:?}");
         let missed = camera(|i| 0.1 + noise(i));
         assert!(missed.value > missed.allowed(0.01), "{missed:?}");
-        // Without noise the last frame counts, with the limit as it is.
+        // Without noise the last frame counts, and the limit is unchanged.
         let exact = camera(|i| 0.011 + 0.1 * (99 - i) as f64);
         assert!((exact.value - 0.011).abs() < 1e-12 && exact.allowed(0.01) == 0.01);
         assert!(exact.value > exact.allowed(0.01));

@@ -13,7 +13,7 @@ pub struct TopicHealth {
     pub name: String,
     /// Number of messages.
     pub count: u64,
-    /// Whether times are header stamps; otherwise times of recording.
+    /// Whether times are header stamps; otherwise they are recording times.
     pub by_stamp: bool,
     /// Median time between messages \[s\].
     pub median_period: Option<f64>,
@@ -23,7 +23,7 @@ pub struct TopicHealth {
     pub largest_gap_at: Option<f64>,
     /// Whether the rate is constant, so that a gap means a loss.
     pub periodic: bool,
-    /// Number of stamps that are earlier than the previous one, except after a restart of the time.
+    /// Number of stamps that are earlier than the previous one, except after a restart of time.
     pub backwards: u64,
     /// The first field with a non-finite value, and the number of messages with one.
     pub not_finite: Option<(String, u64)>,
@@ -53,7 +53,7 @@ pub struct TopicWatch {
 }
 
 impl TopicWatch {
-    /// Adds a message of a run, which [`RunCounter`](super::RunCounter) finds.
+    /// Adds a message; `run` is from [`RunCounter`](super::RunCounter).
     pub fn accept(&mut self, message: &Message, run: usize) {
         let log_time = message.log_time as i64;
         self.start = Some(self.start.map_or(log_time, |s| s.min(log_time)));
@@ -76,7 +76,7 @@ impl TopicWatch {
         track.known_type = true;
         match scan(definition, &message.data) {
             Ok(found) => {
-                // Every node publishes diagnostics with its own timing.
+                // Every node publishes diagnostics at its own times.
                 if message.topic.type_name != "diagnostic_msgs/msg/DiagnosticArray" {
                     track.runs.extend(found.stamp.as_ref().map(|_| run));
                     track.stamps.extend(found.stamp.map(|s| s.nanos()));
@@ -99,12 +99,12 @@ impl TopicWatch {
     }
 }
 
-/// Smallest number of periods that determine a rate.
+/// Smallest number of periods that determines a rate.
 const ENOUGH: usize = 10;
 
 impl Track {
     fn summarize(self, name: String, bag_start: i64) -> TopicHealth {
-        // Gaps in stamps are losses; gaps in times of recording may also be delays.
+        // Gaps between stamps are losses; gaps between recording times may also be delays.
         let by_stamp = self.stamps.len() == self.times.len();
         let times = if by_stamp { &self.stamps } else { &self.times };
         let start = if by_stamp {
@@ -112,7 +112,7 @@ impl Track {
         } else {
             bag_start
         };
-        // A step from one run to another, or back for a message left over, is neither a gap nor backwards.
+        // A change between runs, also back for a left-over message, is neither a gap nor a backward step.
         let same_run = |i: usize| !by_stamp || self.runs[i] == self.runs[i + 1];
         let gap = |(i, w): (usize, &[i64])| same_run(i).then(|| w[1] - w[0]);
         let gaps: Vec<i64> = times

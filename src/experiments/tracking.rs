@@ -1,4 +1,4 @@
-//! A servicer tracks a grasp point on a tumbling body, with a camera that has latency, a low rate and noise as configured.
+//! A servicer tracks a grasp point on a tumbling body, with a camera of configurable latency, rate and noise.
 //!
 //! The robot is that of Masutani 1995 Fig. 5.2 with the gains of its chapter 5. The target is that of chapter 3; it
 //! rotates at 3 deg/s about an axis that is not a principal axis, and its grasp point moves at 5 cm/s relative to the servicer's
@@ -77,9 +77,9 @@ impl Setup {
 /// Initial joint angles \[deg\], from which the arm avoids singularities for a minute.
 pub const START: [f64; 6] = [80.0, 90.0, -90.0, 0.0, 30.0, 0.0];
 
-/// A camera with 10 Hz, 150 ms latency and noise of 1 px: the noise of
-/// [`PoseAccuracy`](crate::vision::PoseAccuracy) for 20 points on a body of 1 m at the goal's distance, with a focal
-/// length of 1024 px, the worst axis for all.
+/// A camera with 10 Hz, 150 ms latency and noise of 1 px: the noise of [`PoseAccuracy`](crate::vision::PoseAccuracy)
+/// for 20 points on a body of 1 m at the goal's distance, with a focal length of 1024 px; the noise of the worst axis
+/// is used for all axes.
 pub fn late_camera() -> PoseCameraConfig {
     PoseCameraConfig {
         rate: 10.0,
@@ -117,8 +117,8 @@ pub fn angle_left(prediction: Prediction, law: LawKind, rate: f64, latency: f64)
         .fold(0.0, f64::max)
 }
 
-/// The smallest of [`LATENCIES`] at which the tip does not settle at a goal at rest, that is, is still a degree away after
-/// 40 s; `None` if it settles at all of them.
+/// The smallest of [`LATENCIES`] for which the tip does not settle at a goal at rest, that is, is still a degree away
+/// after 40 s; `None` if it settles for all of them.
 pub fn latency_margin(prediction: Prediction, law: LawKind, rate: f64) -> Option<f64> {
     let settles = |latency| angle_left(prediction, law, rate, latency) < 1f64.to_radians();
     LATENCIES.into_iter().find(|latency| !settles(*latency))
@@ -293,7 +293,7 @@ impl Run {
         self.robot.state().is_finite()
     }
 
-    /// All following samples up to `duration` \[s\] inclusive, or until the motion diverges.
+    /// All following samples, up to and including `duration` \[s\], or until the motion diverges.
     pub fn moments(mut self, duration: f64) -> Vec<Moment> {
         let last = (duration / PERIOD).round() as u32;
         let mut moments = Vec::with_capacity(last as usize + 1);

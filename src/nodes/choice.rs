@@ -1,4 +1,4 @@
-//! Parameters whose value is one of a list of names.
+//! Enumerated parameters: the value is one of a list of names.
 
 use crate::ros::{Declare, params::Declaration};
 
@@ -21,7 +21,7 @@ pub fn name_of<T: PartialEq>(names: &[(&'static str, T)], value: &T) -> &'static
         .map_or("", |(name, _)| name)
 }
 
-/// Declares a parameter that is one of `names`, the first by default.
+/// Declares a parameter whose value is one of `names`, by default the first.
 pub fn declare<'a, T: Copy + Send + Sync + 'static>(
     declare: &'a mut Declare,
     name: &str,

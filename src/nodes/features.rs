@@ -30,7 +30,7 @@ pub fn feature_frame_to_msg(frame: &FeatureFrame, frame_id: &str) -> FeatureTrac
 /// A message as a feature frame.
 ///
 /// # Errors
-/// Names the list or feature that is wrong.
+/// Names the invalid list or feature.
 pub fn feature_frame_from_msg(message: &FeatureTracks) -> Result<FeatureFrame, String> {
     let (ids, u, v) = (message.ids.len(), message.u.len(), message.v.len());
     if ids != u || ids != v {
@@ -66,10 +66,10 @@ pub fn feature_frame_from_msg(message: &FeatureTracks) -> Result<FeatureFrame, S
     Ok(FeatureFrame::new(time, features))
 }
 
-/// The camera of a calibration, and the distortion of its lens.
+/// The camera model and lens distortion of a calibration.
 ///
 /// # Errors
-/// When a focal length is not positive, or the distortion is none of a known model.
+/// If a focal length is not positive, or the distortion model is unknown.
 pub fn camera_from_msg(info: &CameraInfo) -> Result<(Pinhole, Option<Distortion>), String> {
     let camera = Pinhole {
         fx: info.k[0],
@@ -82,7 +82,7 @@ pub fn camera_from_msg(info: &CameraInfo) -> Result<(Pinhole, Option<Distortion>
     Ok((camera, lens))
 }
 
-/// The frame with the lens distortion removed. Points at which the lens shows nothing are left out.
+/// The frame without lens distortion. Points outside the valid range of the lens are left out.
 pub fn rectified(frame: FeatureFrame, camera: &Pinhole, lens: Option<&Distortion>) -> FeatureFrame {
     let Some(lens) = lens else { return frame };
     let features = frame.features.iter().filter_map(|f| {

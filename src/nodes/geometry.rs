@@ -72,11 +72,11 @@ const FARTHEST: f64 = 1e9;
 /// A pose from a message.
 ///
 /// # Errors
-/// Names the field when a coordinate is not a number of at most 1e9 m or the quaternion is not a unit quaternion.
+/// Names the field if a coordinate is not finite or larger than 1e9 m, or the quaternion is not a unit quaternion.
 pub fn pose_from_msg(pose: &geometry_msgs::Pose) -> Result<Isometry3<f64>, String> {
     let (p, q) = (&pose.position, &pose.orientation);
     for (name, value) in [("x", p.x), ("y", p.y), ("z", p.z)] {
-        // False for NaN too.
+        // This is false for NaN, too.
         let within = value.abs() <= FARTHEST;
         if !within {
             return Err(format!(
@@ -96,7 +96,7 @@ pub fn with_matrix(X: &Isometry3<f64>) -> Pose {
     Pose::from_parts(X.translation, Rotation3::from(X.rotation))
 }
 
-/// A pose converted to a message and back: the last bit of its rotation may differ.
+/// A pose converted to a message and back, which may change the last bit of its rotation.
 pub fn message_round_trip(X: &Pose) -> Pose {
     let q = UnitQuaternion::from_rotation_matrix(&X.rotation);
     let q = UnitQuaternion::new_normalize(q.into_inner());

@@ -1,4 +1,4 @@
-//! Meshes in files.
+//! Mesh files.
 
 use nalgebra::Vector3;
 
@@ -10,7 +10,7 @@ const LARGEST_MESH: u64 = 256 << 20;
 /// The vertices of an STL file, without duplicates.
 ///
 /// # Errors
-/// A line with the file and why it cannot be read.
+/// A line that names the file and says why it cannot be read.
 pub fn vertices(found: &Resource) -> Result<Vec<Vector3<f64>>, String> {
     let path = found.path();
     let mut file = std::io::Cursor::new(found.bytes(LARGEST_MESH)?);

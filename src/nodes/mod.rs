@@ -1,4 +1,4 @@
-//! The ROS 2 nodes: physics with topics, services and parameters.
+//! The ROS 2 nodes: they connect the physics to topics, services and parameters.
 //!
 //! | node | reads | writes |
 //! | --- | --- | --- |
@@ -14,7 +14,7 @@
 //! | [`recorder`] | any topic | a bag |
 //!
 //! The table is generated from the declarations in [`topics`]; `NAME` stands for the name of a target. Every node also
-//! publishes `diagnostics`. [`foxglove`] and [`player`] are programs of their own that take any topic.
+//! publishes `diagnostics`. [`foxglove`] and [`player`] are separate programs that take any topic.
 //!
 //! A node is a program `fn(&Node) -> Result<(), NodeError>`; [`by_name`] finds it.
 

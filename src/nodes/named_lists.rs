@@ -1,11 +1,11 @@
-//! Declarations of lists of names, each of which has parameters of its own.
+//! Declaration of lists of names, where each name has its own parameters.
 
 use crate::ros::Declare;
 
-/// Declares the list `plural` of names, and with `declare_one` the parameters of each.
+/// Declares the list of names `plural`, and calls `declare_one` for the parameters of each name.
 ///
 /// # Errors
-/// A line that names the list and the name that is given twice.
+/// A line that names the list and the repeated name.
 pub(in crate::nodes) fn declare_each<T>(
     declare: &mut Declare,
     plural: &str,
@@ -24,7 +24,7 @@ pub(in crate::nodes) fn declare_each<T>(
             false => once.push(name),
         }
     }
-    // All are declared before the error, so that no parameter is reported as unknown.
+    // All are declared before the error is returned, so that no parameter is reported as unknown.
     let all = once.into_iter().map(|name| declare_one(declare, name));
     let all = all.collect();
     match twice {

@@ -1,12 +1,12 @@
-//! Poses and vectors as parameters.
+//! Pose and vector parameters.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::geometry::unit_quaternion;
 use crate::ros::Declare;
 
-/// Declares `PREFIX.position` and `PREFIX.orientation`, a pose in the world, and reads it. If `optional`, the position
-/// may be empty, which is the default; the result is then `None`.
+/// Declares and reads `PREFIX.position` and `PREFIX.orientation`, a pose in the world. If `optional`, the position may
+/// be empty, which is the default; then the result is `None`.
 ///
 /// # Errors
 /// A line that names the parameter if the orientation is not a unit quaternion.
@@ -45,7 +45,7 @@ pub fn declare_pose(
     Ok(Some(Isometry3::from_parts(translation, rotation)))
 }
 
-/// Declares a unit quaternion (x, y, z, w), no rotation by default, and reads it.
+/// Declares and reads a unit quaternion (x, y, z, w); the default is no rotation.
 ///
 /// # Errors
 /// A line that names the parameter if its norm is not 1.
@@ -61,12 +61,12 @@ pub fn declare_orientation(
         .value();
     match values.as_slice() {
         &[x, y, z, w] => unit_quaternion(x, y, z, w).map_err(|e| format!("parameter {name}: {e}")),
-        // The declaration has reported a wrong length.
+        // A wrong length has been reported by the declaration.
         _ => Ok(UnitQuaternion::identity()),
     }
 }
 
-/// Declares a vector of three finite numbers, zero by default, and reads it.
+/// Declares and reads a vector of three finite numbers; the default is zero.
 pub fn declare_vector(declare: &mut Declare, name: &str, description: &str) -> Vector3<f64> {
     let values = declare
         .param(name, [0.0; 3], description)
@@ -75,7 +75,7 @@ pub fn declare_vector(declare: &mut Declare, name: &str, description: &str) -> V
         .value();
     match values.as_slice() {
         &[x, y, z] => Vector3::new(x, y, z),
-        // The declaration has reported a wrong length.
+        // A wrong length has been reported by the declaration.
         _ => Vector3::zeros(),
     }
 }
@@ -83,7 +83,7 @@ pub fn declare_vector(declare: &mut Declare, name: &str, description: &str) -> V
 /// Checks that a list consists of `length` finite numbers.
 ///
 /// # Errors
-/// A line with the list and what is expected.
+/// A line with the list and its expected form.
 pub fn finite(values: &[f64], length: usize) -> Result<(), String> {
     if values.len() == length && values.iter().all(|x| x.is_finite()) {
         Ok(())

@@ -1,4 +1,4 @@
-//! Finding and reading files that parameters, commands and peers name (resources such as `package://fuyu/...`).
+//! Resources: finding and reading files named by parameters, commands and other nodes, such as `package://fuyu/...`.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -6,7 +6,7 @@ use include_dir::{Dir, include_dir};
 
 use crate::input_file::{self, LARGEST_URDF};
 
-/// The files that come with fuyu, so that a copied executable finds them.
+/// Files that come with fuyu, embedded so that a copied executable finds them.
 const EMBEDDED: [(&str, Dir); 4] = [
     ("config", include_dir!("$CARGO_MANIFEST_DIR/config")),
     ("launch", include_dir!("$CARGO_MANIFEST_DIR/launch")),
@@ -19,9 +19,9 @@ const OURS: &str = "fuyu";
 /// A file that was found.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Resource {
-    /// On disk.
+    /// A file on disk.
     File(PathBuf),
-    /// In this executable.
+    /// A file embedded in this executable.
     Embedded {
         /// `package://fuyu/PATH`.
         name: String,
@@ -42,7 +42,7 @@ impl Resource {
     /// The content, of at most `limit` bytes.
     ///
     /// # Errors
-    /// A line with the file and why it cannot be read.
+    /// A line that names the file and says why it cannot be read.
     pub fn bytes(&self, limit: u64) -> Result<Vec<u8>, String> {
         match self {
             Self::File(path) => input_file::read(path, limit).map_err(|e| e.to_string()),
@@ -65,10 +65,10 @@ impl Resource {
 /// Where files are searched for, in addition to the ROS environment.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Lookup {
-    /// Folder that relative paths are relative to, such as that of the parameter file with the path; if a file is not there,
-    /// the working directory.
+    /// Base folder of relative paths, such as the folder of the parameter file that has the path. Files that are not
+    /// there are searched for in the working directory.
     pub folder: Option<PathBuf>,
-    /// Folders with ROS packages, searched before those of the environment. A folder may also be the package itself.
+    /// Folders with ROS packages, searched before those of the environment. A folder may also be a package itself.
     pub packages: Vec<PathBuf>,
 }
 
@@ -81,14 +81,15 @@ pub fn resolve(name: &str) -> Result<Resource, String> {
 }
 
 impl Lookup {
-    /// Finds `name`: a path, or `package://PACKAGE/PATH`. The latter is searched for in the folders of [`Lookup::packages`], in
-    /// the share folders of the ROS environment (`AMENT_PREFIX_PATH`), and in the folders of `ROS_PACKAGE_PATH` and below. The
-    /// package `fuyu` is also searched for in the install space of the executable, in the
-    /// working directory, in the sources that this program was built from, and in the executable, in that order; a relative
-    /// path that does not exist, such as `config/servicing.yaml`, in the executable only.
+    /// Finds `name`: a path, or `package://PACKAGE/PATH`. Packages are searched for in the folders of
+    /// [`Lookup::packages`], in the share folders of the ROS environment (`AMENT_PREFIX_PATH`), and in and below the
+    /// folders of `ROS_PACKAGE_PATH`. The package `fuyu` is then searched for in the install space of the executable,
+    /// in the working directory, in the sources from which this program was built, and in the executable, in this
+    /// order. A relative path that does not exist, such as `config/servicing.yaml`, is searched for in the executable
+    /// only.
     ///
     /// # Errors
-    /// A line with the places that were searched.
+    /// A line that lists the searched places.
     pub fn resolve(&self, name: &str) -> Result<Resource, String> {
         let Some(rest) = name.strip_prefix("package://") else {
             return self.resolve_path(name);
@@ -120,7 +121,7 @@ impl Lookup {
     fn resolve_path(&self, name: &str) -> Result<Resource, String> {
         let path = PathBuf::from(name);
         if let Some(folder) = self.folder.as_ref().filter(|_| path.is_relative()) {
-            // The folder of an embedded file is package://fuyu/FOLDER.
+            // Folders of embedded files are named package://fuyu/FOLDER.
             let candidate = folder.join(&path);
             let found = match candidate.to_str() {
                 Some(inside) if inside.starts_with("package://") => resolve(inside).ok(),
@@ -145,7 +146,7 @@ impl Lookup {
     /// Reads a robot description that a parameter names. Returns the text and its path.
     ///
     /// # Errors
-    /// A line with the file and why it cannot be read.
+    /// A line that names the file and says why it cannot be read.
     pub fn read(&self, name: &str) -> Result<(String, String), String> {
         let found = self.resolve(name)?;
         Ok((
@@ -154,7 +155,7 @@ impl Lookup {
         ))
     }
 
-    /// Folders that may be the share folder of `package`.
+    /// Candidates for the share folder of `package`.
     fn search_folders(&self, package: &str) -> Vec<PathBuf> {
         let mut folders = Vec::new();
         for folder in &self.packages {
@@ -183,13 +184,13 @@ impl Lookup {
     }
 }
 
-/// How deep below a folder packages are searched for.
+/// Depth below a folder to which packages are searched.
 const DEEPEST: usize = 4;
-/// How many folders are searched at most, in case a path names a whole disk.
+/// Maximum number of folders searched, in case a path names a whole disk.
 const MOST_FOLDERS: usize = 20_000;
 
-/// Adds the folders called `package` in `folder`, or `folder` itself. Below the first level only those count that have a
-/// `package.xml`, and nothing is searched for inside of a package.
+/// Adds the folders called `package` in `folder`, or `folder` itself. Below the first level, only folders with a
+/// `package.xml` count, and packages are not searched for nested packages.
 fn find_package(folder: &Path, package: &str, found: &mut Vec<PathBuf>) {
     let is_called = |path: &Path| path.file_name().is_some_and(|name| name == package);
     if is_called(folder) && folder.join("package.xml").is_file() {
@@ -226,7 +227,7 @@ fn find_package(folder: &Path, package: &str, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// Whether a relative path stays below the folder that it is relative to.
+/// Whether a relative path stays below its base folder.
 fn is_below(path: &str) -> bool {
     let mut components = Path::new(path).components();
     components.all(|c| matches!(c, Component::Normal(_) | Component::CurDir))
@@ -242,7 +243,8 @@ fn embedded(path: &str) -> Option<Resource> {
     })
 }
 
-/// The embedded files, in folders and one folder deeper: their paths, such as `config/servicing.yaml`, and contents.
+/// The embedded files in top-level folders and their direct subfolders: paths, such as `config/servicing.yaml`, and
+/// contents.
 pub fn embedded_files() -> impl Iterator<Item = (String, &'static [u8])> {
     EMBEDDED.iter().flat_map(|(folder, dir)| {
         let name = move |file: &include_dir::File| format!("{folder}/{}", file.path().display());
@@ -252,10 +254,10 @@ pub fn embedded_files() -> impl Iterator<Item = (String, &'static [u8])> {
     })
 }
 
-/// The files directly in the folder `name`, by the names to read them with; `name` itself if it is a file.
+/// The files directly in the folder `name`, by names with which they can be read; `name` itself if it is a file.
 ///
 /// # Errors
-/// A line with the folder and why it cannot be read.
+/// A line that names the folder and says why it cannot be read.
 pub fn list(name: &str) -> Result<Vec<String>, String> {
     let of_package = format!("package://{OURS}/");
     let inside = name
@@ -290,7 +292,7 @@ pub fn list(name: &str) -> Result<Vec<String>, String> {
     Ok(names)
 }
 
-/// The folders from which peers may name files: paths and `package://PACKAGE/FOLDER`.
+/// Folders from which other nodes may name files: paths and `package://PACKAGE/FOLDER`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AllowedFolders(Vec<String>);
 
@@ -300,11 +302,11 @@ impl AllowedFolders {
         Self(folders)
     }
 
-    /// Finds the file or folder `name`, a path, `file://PATH` or `package://PACKAGE/PATH`, if it is in one of the folders
-    /// or below, also after symbolic links.
+    /// Finds the file or folder `name` (a path, `file://PATH` or `package://PACKAGE/PATH`) if it is in or below an
+    /// allowed folder, also after resolving symbolic links.
     ///
     /// # Errors
-    /// A line that is the same whether a file outside of the folders exists or not.
+    /// A line that does not reveal whether a file outside the folders exists.
     pub fn resolve(&self, name: &str) -> Result<Resource, String> {
         let name = name.strip_prefix("file://").unwrap_or(name);
         let refused = || {
@@ -315,7 +317,7 @@ impl AllowedFolders {
         };
         let found = match resolve(name) {
             Ok(found) => found,
-            // Only what is inside may be reported as missing.
+            // Only files inside the folders may be reported as missing.
             Err(missing) if self.0.iter().any(|f| is_inside(name, f)) => return Err(missing),
             Err(_) => return Err(refused()),
         };
@@ -332,7 +334,7 @@ impl AllowedFolders {
     }
 }
 
-/// Whether `name` is `folder` or below it by its text alone.
+/// Whether `name` is `folder` or below it, judged by the text alone.
 fn is_inside(name: &str, folder: &str) -> bool {
     let (name, folder) = (Path::new(name), Path::new(folder));
     let climbs = name.components().any(|c| c == Component::ParentDir);
@@ -456,7 +458,7 @@ mod tests {
                 .is_ok()
         );
         assert!(allowed.resolve("package://fuyu/urdf/target.urdf").is_ok());
-        // The answers to what exists and what does not differ in the name only.
+        // Responses for existing and missing files outside differ in the name only.
         let kind = |name: &str| {
             let error = allowed.resolve(name).unwrap_err();
             error.replace(name, "NAME")
@@ -476,7 +478,7 @@ mod tests {
             assert_eq!(kind(&name), outside, "{name}");
         }
         assert!(kind(&at("inside/none")).contains("no such file"));
-        // A named pipe, to which nobody writes, does not block.
+        // A named pipe without a writer does not block.
         let made = std::process::Command::new("mkfifo")
             .arg(at("inside/pipe"))
             .status();

@@ -1,4 +1,4 @@
-//! The robot from `robot_description`, for nodes other than dynamics.
+//! The robot from `robot_description`, for all nodes except dynamics.
 
 use std::time::Duration;
 
@@ -26,7 +26,7 @@ pub struct Robot {
 }
 
 impl RobotDescription {
-    /// Subscribes; the tip will be the link `tip_link`, or the base if that is empty.
+    /// Subscribes. The tip is the link `tip_link`, or the base if that is empty.
     ///
     /// # Errors
     /// When the node cannot subscribe.
@@ -42,7 +42,7 @@ impl RobotDescription {
         })
     }
 
-    /// The last description.
+    /// Text of the last description.
     pub fn text(&self) -> &str {
         &self.last
     }
@@ -57,7 +57,7 @@ impl RobotDescription {
             .error(format!("{problem}; the previous robot is kept"));
     }
 
-    /// The robot, if another valid description has arrived; an invalid one is reported.
+    /// The robot, if a new valid description has arrived; an invalid one is reported.
     pub fn changed(&mut self) -> Option<Robot> {
         let text = self.topic.latest()?.message.data;
         if text == self.last {
@@ -84,7 +84,7 @@ impl RobotDescription {
 
     fn compile(&self, text: &str) -> Result<Robot, String> {
         let source = self.topic.topic();
-        // The dynamics node, which publishes the description, has warned of repairs, or refused them.
+        // The dynamics node, which publishes the description, has already warned of repairs or refused them.
         let repaired = Model::repaired_from_urdf(text, source).map_err(|e| e.to_string())?;
         let model = repaired.model;
         let tip = match self.tip_link.is_empty() {
@@ -94,7 +94,7 @@ impl RobotDescription {
         Ok(Robot { model, tip })
     }
 
-    /// Waits for a first description; `None` when the node is to stop.
+    /// Waits for the first description; `None` if the node must stop.
     pub fn wait(&mut self, node: &Node) -> Option<Robot> {
         loop {
             if let Some(robot) = self.changed() {

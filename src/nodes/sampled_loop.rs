@@ -1,4 +1,4 @@
-//! Detection, before a run, of control loops that sampling makes unstable.
+//! Stability check of sampled control loops before a run.
 
 use super::{
     controller::{ControllerParams, second_tip},
@@ -9,17 +9,17 @@ use crate::control::{Controller, JacobianKind, LawConfig, LinearisedLoop, Sample
 use crate::dynamics::Workspace;
 use nalgebra::{DMatrix, DVector};
 
-/// When the efforts that answer a state act.
+/// Delay with which the efforts that answer a state act.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Delay {
-    /// From that state on: in lockstep, and in `fuyu simulate`.
+    /// They act from that state on: in lockstep, and in `fuyu simulate`.
     None,
-    /// Up to a period later: in real time.
+    /// They act up to one period later: in real time.
     UpToPeriod,
 }
 
 impl Delay {
-    /// Largest product of decay rate and period with which damping is stable.
+    /// Largest stable product of the damping's decay rate and the sampling period.
     fn limit(self) -> f64 {
         match self {
             Self::None => SampledDamping::UNSTABLE,
@@ -28,11 +28,11 @@ impl Delay {
     }
 }
 
-/// Why the control loop is unstable at the start, and parameters with which it is not; `None` if it is
-/// stable. The loop is sampled once per published state.
+/// The reason why the control loop is unstable in the initial posture, with stable parameters; `None` if it is stable.
+/// The loop is sampled once per published state.
 ///
 /// # Errors
-/// When the parameters do not fit together.
+/// If the parameters do not fit together.
 pub fn instability(
     dynamics: &DynamicsParams,
     controller: &ControllerParams,
@@ -107,9 +107,10 @@ pub fn instability(
     )))
 }
 
-/// Why the position gains of the control loop are too large for the period, linear in deviations from the start, and gains that
-/// are not; `None` if they are not. Judged for efforts that act at once: what is unstable then is unstable with any delay, whereas a
-/// delay of a whole period, which `k_v` is judged for, is rare and is borne for some time by a law that saturates.
+/// The reason why the position gains are too large for the sampling period, with stable gains; `None` if they are not
+/// too large. The loop is linearised about the initial posture. Judged without delay: a loop that is unstable without
+/// delay is unstable with any. A delay of a whole period, for which `k_v` is judged, is rare, and a saturating law
+/// tolerates it for some time.
 fn stiffness_instability(
     controller: &Controller,
     workspace: &mut Workspace,
@@ -119,7 +120,7 @@ fn stiffness_instability(
     let config = controller.config();
     let (model, n) = (controller.model(), controller.model().dof());
     let jacobian = match &config.law {
-        // The other Jacobian may be unstable without sampling.
+        // The other Jacobian may be unstable even in continuous time.
         LawConfig::TransposeJacobian(law) if law.jacobian == JacobianKind::Generalized => {
             law.jacobian
         }
@@ -135,7 +136,7 @@ fn stiffness_instability(
     if part == 1.0 {
         return None;
     }
-    // The joint whose own stiffness is the largest for its inertia.
+    // The joint with the largest ratio of its own stiffness to its own inertia.
     let stiffest = |j: usize| near.stiffness[(j, j)] / near.inertia[(j, j)];
     let j = (0..n).max_by(|a, b| stiffest(*a).total_cmp(&stiffest(*b)))?;
     let at_most = |gain: f64| two_digits(part * gain, f64::floor);
@@ -167,7 +168,7 @@ fn stable_below(limit: f64, delay: Delay) -> String {
     format!("that is stable up to {limit:.0} 1/s{condition}")
 }
 
-/// The state rate that works \[Hz\], if the dynamics node accepts it.
+/// Suggestion of a stable state rate \[Hz\], if the dynamics node accepts it.
 fn or_state_rate(rate: f64) -> String {
     let rate = two_digits(rate, f64::ceil);
     match rate <= 1000.0 {
@@ -180,7 +181,7 @@ fn or_state_rate(rate: f64) -> String {
 fn two_digits(value: f64, round: fn(f64) -> f64) -> f64 {
     let digit = 10f64.powi(value.log10().floor() as i32 - 1);
     let rounded = round(value / digit) * digit;
-    // Removes the digits that the product with 0.1, 0.01, ... leaves.
+    // Removes digits left by the product with 0.1, 0.01, ...
     format!("{rounded:.12e}").parse().unwrap_or(rounded)
 }
 

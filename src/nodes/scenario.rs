@@ -40,7 +40,7 @@ use crate::{
 pub use declared::Declared;
 pub use several_robots::OtherBody;
 
-/// A parameter file with the ROS arguments of the command line.
+/// A scenario: a parameter file, with the ROS arguments of the command line.
 #[derive(Clone)]
 pub struct Scenario {
     path: PathBuf,
@@ -49,7 +49,7 @@ pub struct Scenario {
     args: RosArgs,
 }
 
-/// Checks that everything that images show can be drawn.
+/// Checks that cameras are valid and all meshes of drawn bodies can be loaded.
 fn check_images(
     images: &ImageParams,
     dynamics: &DynamicsParams,
@@ -77,7 +77,7 @@ impl Scenario {
         Self::parse(found.path(), &found.text(LARGEST_YAML)?)
     }
 
-    /// Reads `text`, which errors will call `path`. Files that it names are relative to the folder of `path`.
+    /// Parses `text`; errors refer to it as `path`. Files named in it are relative to the folder of `path`.
     ///
     /// # Errors
     /// As [`Self::read`].
@@ -108,7 +108,7 @@ impl Scenario {
         })
     }
 
-    /// The same with the ROS arguments of a command line, which take precedence over the file.
+    /// Adds the ROS arguments of a command line, which take precedence over the file.
     #[must_use]
     pub fn with_args(mut self, args: RosArgs) -> Self {
         self.args = args.with_scenario(self.file.clone());
@@ -124,7 +124,7 @@ impl Scenario {
         });
     }
 
-    /// Several robots with frames of the same names: transforms of each are on `tf` and `tf_static` in its namespace.
+    /// For several robots with the same frame names: moves `/tf` and `/tf_static` to the namespace of each robot.
     pub fn separate_transforms(&mut self) {
         for topic in ["tf", "tf_static"] {
             self.args.remaps.push(Remap {
@@ -149,7 +149,7 @@ impl Scenario {
         &self.path
     }
 
-    /// Name of the scenario: the file's without its ending.
+    /// Name of the scenario: the file name without extension.
     pub fn name(&self) -> String {
         self.path
             .file_stem()
@@ -166,21 +166,21 @@ impl Scenario {
         self.nodes.iter().any(|n| n.name() == node)
     }
 
-    /// Namespaces of the dynamics nodes: one for each robot.
+    /// Namespaces of the dynamics nodes, one per robot.
     pub fn robots(&self) -> Vec<&str> {
         let dynamics = self.nodes.iter().filter(|n| n.name() == "dynamics");
         dynamics.map(NodeName::namespace).collect()
     }
 
-    /// The body of another robot that an absolute name means: `/NAMESPACE/base_link` or `/NAMESPACE/TARGET`.
+    /// The body of another robot given by an absolute name, `/NAMESPACE/base_link` or `/NAMESPACE/TARGET`.
     ///
     /// # Errors
-    /// A line that lists what there is.
+    /// A line that lists the known bodies.
     pub fn other_body(&self, name: &str) -> Result<OtherBody, String> {
         several_robots::other_body(self, name)
     }
 
-    /// Whether its robots share a world with others, of this scenario or of another process.
+    /// Whether its robots share a world with other robots, of this scenario or of another process.
     pub fn has_several_robots(&self) -> bool {
         let params = self
             .robots()
@@ -202,11 +202,11 @@ impl Scenario {
         }
     }
 
-    /// Checks, before anything runs, that every node can start with its parameters, and with its robot if the scenario
-    /// names the dynamics node.
+    /// Checks before a run that every node can start with its parameters, and, if the scenario names the dynamics node,
+    /// with its robot.
     ///
     /// # Errors
-    /// A line per wrong parameter.
+    /// One line per invalid parameter.
     pub fn check(&self) -> Result<(), String> {
         let problems = self
             .nodes
@@ -318,7 +318,7 @@ impl Scenario {
                 let params = self.parameters_of(name, MissionParams::declare)?;
                 self.refuse_next_to(name, &["controller", "teleop"], "commands the same joints")
                     .map_err(at)?;
-                // Plans of the arm are for a base that floats freely.
+                // Motion plans of the arm assume a freely floating base.
                 let reason = "holds the base, which must float freely";
                 self.refuse_next_to(name, &["attitude"], reason)
                     .map_err(at)?;
@@ -338,10 +338,9 @@ impl Scenario {
         }
     }
 
-    /// What is valid but will not work: a line per control loop that is unstable because it is sampled, and per two sources of features.
-    /// `in_one_thread` is
-    /// a run as `fuyu simulate` does it, in which every state is answered at once; then also a line per kind of repair in
-    /// each robot description.
+    /// Warnings on valid settings that will not work, one line each: control loops destabilised by sampling, and two
+    /// nodes that publish `camera/features`. `in_one_thread` means a run of `fuyu simulate`, in which every state is
+    /// answered at once; then there is also one line per kind of repair in each robot description.
     pub fn warnings(&self, in_one_thread: bool) -> Vec<String> {
         let controllers = self.nodes.iter().filter(|n| n.name() == "controller");
         let warning = |name: &NodeName| {
@@ -369,7 +368,7 @@ impl Scenario {
             let found = found.ok()??;
             Some(format!("{}: node {name}: {found}", self.path.display()))
         };
-        // The dynamics node warns itself.
+        // In a launch, the dynamics node itself warns of repairs.
         let of_robots = self.nodes.iter();
         let of_robots = of_robots.filter(|n| in_one_thread && n.name() == "dynamics");
         let repairs = of_robots.flat_map(|name| {
@@ -396,7 +395,7 @@ impl Scenario {
             .collect()
     }
 
-    /// An error if a node called one of `others` is in the namespace of `name`; `reason` is what it does.
+    /// An error if one of the nodes `others` is in the namespace of `name`; `reason` says what it does.
     fn refuse_next_to(&self, name: &NodeName, others: &[&str], reason: &str) -> Result<(), String> {
         let is_other =
             |n: &&NodeName| others.contains(&n.name()) && n.namespace() == name.namespace();
@@ -432,7 +431,7 @@ impl Scenario {
         self.parameters_of(name, declare)
     }
 
-    /// Reads a node's parameters as the node itself would, without DDS.
+    /// Reads a node's parameters as the node would, without DDS.
     fn parameters_of<T>(
         &self,
         name: &NodeName,
@@ -441,7 +440,7 @@ impl Scenario {
         self.store_of(name, declare).map(|(value, _)| value)
     }
 
-    /// The same with all parameters of the node.
+    /// As [`Self::parameters_of`], with the store of all the node's parameters.
     fn store_of<T>(
         &self,
         name: &NodeName,
@@ -464,7 +463,7 @@ impl Scenario {
         Ok((value, store))
     }
 
-    /// Error lines with a place: what is not given has no line in the file, only the file.
+    /// Adds the file to error lines on missing parameters, which have no line in the file.
     fn with_place(&self, errors: &str) -> String {
         let place = |line: &str| match line.starts_with("node ") {
             true => format!("{}: {line}", self.path.display()),
@@ -476,7 +475,7 @@ impl Scenario {
     /// Parameters of the dynamics node.
     ///
     /// # Errors
-    /// A line per wrong parameter.
+    /// One line per invalid parameter.
     pub fn dynamics(&self) -> Result<DynamicsParams, String> {
         self.parameters("dynamics", DynamicsParams::declare)
     }
@@ -484,7 +483,7 @@ impl Scenario {
     /// Parameters of the camera node.
     ///
     /// # Errors
-    /// A line per wrong parameter.
+    /// One line per invalid parameter.
     pub fn camera(&self) -> Result<CameraParams, String> {
         self.parameters("camera", CameraParams::declare)
     }
@@ -492,7 +491,7 @@ impl Scenario {
     /// Parameters of the controller node.
     ///
     /// # Errors
-    /// A line per wrong parameter.
+    /// One line per invalid parameter.
     pub fn controller(&self) -> Result<ControllerParams, String> {
         self.parameters("controller", |d| Ok(ControllerParams::declare(d)))
     }
@@ -500,7 +499,7 @@ impl Scenario {
     /// Parameters of the attitude node.
     ///
     /// # Errors
-    /// A line per wrong parameter.
+    /// One line per invalid parameter.
     pub fn attitude(&self) -> Result<AttitudeParams, String> {
         self.parameters("attitude", AttitudeParams::declare)
     }
@@ -508,7 +507,7 @@ impl Scenario {
     /// Parameters of the teleop node.
     ///
     /// # Errors
-    /// A line per wrong parameter.
+    /// One line per invalid parameter.
     pub fn teleop(&self) -> Result<TeleopParams, String> {
         self.parameters("teleop", TeleopParams::declare)
     }
@@ -516,7 +515,7 @@ impl Scenario {
     /// Parameters of the mission node.
     ///
     /// # Errors
-    /// A line per wrong parameter.
+    /// One line per invalid parameter.
     pub fn mission(&self) -> Result<MissionParams, String> {
         self.parameters("mission", MissionParams::declare)
     }
@@ -524,7 +523,7 @@ impl Scenario {
     /// Parameters of the estimator node.
     ///
     /// # Errors
-    /// A line per wrong parameter.
+    /// One line per invalid parameter.
     pub fn estimator(&self) -> Result<EstimatorParams, String> {
         self.parameters("estimator", EstimatorParams::declare)
     }
@@ -532,7 +531,7 @@ impl Scenario {
     /// Parameters of the recorder node.
     ///
     /// # Errors
-    /// A line per wrong parameter.
+    /// One line per invalid parameter.
     pub fn recorder(&self) -> Result<RecorderParams, String> {
         self.parameters("recorder", |d| Ok(RecorderParams::declare(d)))
     }

@@ -1,7 +1,7 @@
-//! The topics of the graph, each declared once: name, type, quality of service, writers and readers.
+//! The topics of the graph, each declared once: name, type, quality of service, publishers and subscribers.
 //!
-//! From the declarations below follow the constants, [`all`], and the tables in `ARCHITECTURE.md` and in
-//! [`nodes`](super) ([`Declaration`]); a test writes those tables. Names are relative to the node's namespace, except
+//! The constants, [`all`], and the tables in `ARCHITECTURE.md` and in [`nodes`](super) are derived from the
+//! declarations below ([`Declaration`]); a test writes those tables. Names are relative to the node's namespace, except
 //! `/clock`, `/tf` and `/tf_static`, which are absolute in ROS.
 
 use std::marker::PhantomData;
@@ -28,7 +28,7 @@ use crate::{
     ros::{Node, NodeError, Publisher, Qos, Subscription},
 };
 
-/// Stands for the name of a target in the names of its topics.
+/// Placeholder for the name of a target in topic names.
 const NAME: &str = "NAME";
 
 /// Declares topics: `CONSTANT: Kind<Message> = "name", QOS, [writers] => [readers];`. The kind is [`Topic`], or
@@ -178,17 +178,18 @@ topics! {
     MARKERS: Topic<MarkerArray> = "markers", RELIABLE, ["views"] => ["you"];
 }
 
-/// The camera that the features are seen by, with which the names of its topics begin.
+/// Name of the main camera, which sees the features; the prefix of its topics.
 pub const CAMERA: &str = "camera";
 
-/// The last part of a name such as `/chaser/base_link`: the base of the robot in that namespace.
+/// The base link's name: last part of an absolute body name such as `/chaser/base_link`, the base of the robot in that
+/// namespace.
 pub const BASE: &str = "base_link";
 
 /// A topic of messages `M`.
 pub struct Topic<M> {
     /// Name, relative to the node's namespace unless it begins with a slash.
     pub name: &'static str,
-    /// What publishers offer and subscriptions request.
+    /// QoS that publishers offer and subscriptions request.
     pub qos: Qos,
     message: PhantomData<fn() -> M>,
 }
@@ -202,7 +203,7 @@ impl<M: Interface> Topic<M> {
         }
     }
 
-    /// Publishes on it.
+    /// Advertises it.
     ///
     /// # Errors
     /// When the node cannot publish.
@@ -210,7 +211,7 @@ impl<M: Interface> Topic<M> {
         node.advertise(self.name, self.qos)
     }
 
-    /// Name of the same topic of the camera called `name`: `wrist/depth` for `camera/depth`.
+    /// Name of the corresponding topic of the camera called `name`: `wrist/depth` for `camera/depth`.
     pub fn of_camera(&self, name: &str) -> String {
         match self.name.strip_prefix(CAMERA) {
             Some(rest) => format!("{name}{rest}"),
@@ -235,11 +236,11 @@ impl<M: Interface> Topic<M> {
     }
 }
 
-/// A topic of messages `M` that each target has.
+/// A topic of messages `M` that exists for each target.
 pub struct TargetTopic<M> {
-    /// Name, with `NAME` for the target's.
+    /// Name, with `NAME` as a placeholder for the target's name.
     pattern: &'static str,
-    /// What publishers offer and subscriptions request.
+    /// QoS that publishers offer and subscriptions request.
     pub qos: Qos,
     message: PhantomData<fn() -> M>,
 }
@@ -253,8 +254,8 @@ impl<M: Interface> TargetTopic<M> {
         }
     }
 
-    /// Name of the topic of `target`, in the target's namespace if it has one. An absolute name is that of a body of another
-    /// robot: of its target, `/chaser/debris`, or of its base, `/chaser/base_link`.
+    /// Name of the topic of `target`, in the target's namespace if it has one. An absolute name refers to a body of
+    /// another robot: a target, `/chaser/debris`, or its base, `/chaser/base_link`.
     pub fn of(&self, target: &str) -> String {
         match target.rsplit_once('/') {
             Some((namespace, BASE)) if target.starts_with('/') => {
@@ -266,7 +267,7 @@ impl<M: Interface> TargetTopic<M> {
         }
     }
 
-    /// Publishes on the topic of `target`.
+    /// Advertises the topic of `target`.
     ///
     /// # Errors
     /// When the node cannot publish.
@@ -283,28 +284,28 @@ impl<M: Interface> TargetTopic<M> {
     }
 }
 
-/// Everything that is declared about a topic, with its type by name.
+/// Declared properties of a topic.
 pub struct Declaration {
     /// Constant in this module.
     pub constant: &'static str,
-    /// Name; `NAME` in it stands for the name of a target.
+    /// Name; `NAME` in it is a placeholder for the name of a target.
     pub name: &'static str,
     /// ROS type, `pkg/msg/Name`.
     pub type_name: String,
     /// Quality of service.
     pub qos: Qos,
-    /// Constant of [`Qos`].
+    /// Name of the constant of [`Qos`].
     pub qos_name: &'static str,
-    /// Nodes that publish on it, or `you`.
+    /// Nodes that publish on it; `you` stands for the user.
     pub writers: &'static [&'static str],
-    /// Nodes that subscribe to it, or programs and people who do. The recorder, which can take every topic, is named
-    /// where it is the only one.
+    /// Nodes that subscribe to it, or other programs and users. The recorder, which can record every topic, is listed
+    /// only where it is the only one.
     pub readers: &'static [&'static str],
-    /// What messages contain.
+    /// Description of the messages.
     pub description: &'static str,
 }
 
-/// The topics whose names are fixed: all but those of targets.
+/// The topics with fixed names: all but those of targets.
 pub fn all() -> Vec<Declaration> {
     let mut declarations = declarations();
     declarations.retain(|topic| !topic.name.contains(NAME));

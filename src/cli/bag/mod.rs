@@ -15,9 +15,9 @@ use super::{Failure, print};
 use crate::bag::{Bag, BagError, Info};
 use crate::experiments::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag, plot_bag};
 
-/// The folder next to `bag` that has its name and an underscore with `suffix`.
+/// The folder next to `bag` with the name of the bag, an underscore and `suffix`.
 fn next_to(bag: &Path, suffix: &str) -> PathBuf {
-    // `.` and `..` have no name; their full paths have.
+    // `.` and `..` have no file name; their full paths have one.
     let full = match bag.file_name() {
         Some(_) => bag.to_owned(),
         None => bag.canonicalize().unwrap_or_else(|_| bag.to_owned()),
@@ -195,7 +195,7 @@ fn bytes(n: u64) -> String {
     }
 }
 
-/// A time stamp: as date if it is a plausible wall time, else as simulated time.
+/// A time stamp: as a date if it is a plausible wall time, otherwise as simulated time.
 fn instant(nanos: u64) -> String {
     const YEAR_2000: u64 = 946_684_800;
     let (sec, nsec) = (nanos / 1_000_000_000, nanos % 1_000_000_000);
@@ -315,7 +315,7 @@ fn plot(args: &PlotArgs) -> Result<(), Failure> {
     print(&list_of(&pictures))
 }
 
-/// The folder for pictures of a bag, created if needed: `output`, or that of the bag.
+/// The folder for pictures of a bag, created if needed: `output`, or the bag's folder.
 fn picture_folder(bag: &Path, output: Option<&Path>) -> Result<PathBuf, Failure> {
     let folder = match output {
         Some(folder) => folder.to_owned(),

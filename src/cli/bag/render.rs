@@ -89,7 +89,7 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     print(&super::list_of(&pictures.paths))
 }
 
-/// An angle in radians, whose magnitude in degrees is at most `most`.
+/// An angle in radians; its magnitude in degrees may be at most `most`.
 fn angle(option: &str, degrees: f64, most: f64) -> Result<f64, Failure> {
     if degrees.abs() <= most {
         return Ok(degrees.to_radians());

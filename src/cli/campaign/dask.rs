@@ -12,14 +12,14 @@ use crate::{cli::Failure, experiments::campaign::Dataset};
 /// The module of the Python package.
 const MODULE: &str = "fuyu.campaign_dask";
 
-/// How long the scheduler may take to answer.
+/// Timeout of the scheduler's response.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Checks that the scheduler can be reached and that the Python package is there.
+/// Checks that the scheduler can be reached and the Python package is installed.
 pub(super) fn check(address: &str) -> Result<(), Failure> {
     let input = |problem: String| Failure::Input(problem);
     let (scheme, host) = address.split_once("://").unwrap_or(("tcp", address));
-    // Others, such as ucx://, are known to Python only.
+    // Other schemes, such as ucx://, are known to Python only.
     if ["tcp", "tls"].contains(&scheme) {
         let unreachable = |e: &dyn std::fmt::Display| {
             input(format!(
@@ -51,7 +51,7 @@ pub(super) fn check(address: &str) -> Result<(), Failure> {
 pub(super) fn run(address: &str, dataset: &Dataset) -> Result<(), Failure> {
     let runtime = |e: String| Failure::Runtime(format!("--engine dask: {e}"));
     let executable = std::env::current_exe().map_err(|e| runtime(e.to_string()))?;
-    // Workers may have other working directories.
+    // Workers may have different working directories.
     let folder = dataset.folder().canonicalize();
     let folder = folder.unwrap_or_else(|_| dataset.folder().to_owned());
     let status = Command::new("python3")

@@ -1,4 +1,4 @@
-//! `fuyu campaign`: a scenario many times, with parameters that differ from run to run.
+//! `fuyu campaign`: runs a scenario many times, with parameters that differ from run to run.
 
 mod dask;
 mod report;
@@ -84,7 +84,8 @@ impl From<CampaignError> for Failure {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure::Input`] for a wrong file, folder or argument, [`Failure::Runtime`] when the dataset cannot be written or read.
+/// [`Failure::Input`] for an invalid file, folder or argument, [`Failure::Runtime`] if the dataset cannot be written or
+/// read.
 pub fn run(args: Args) -> Result<(), Failure> {
     match args.action {
         Action::Run(args) => run::run(&args),

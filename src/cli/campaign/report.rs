@@ -1,4 +1,4 @@
-//! The summary as text.
+//! The summary of a campaign as text.
 
 use std::fmt::Write;
 
@@ -7,13 +7,14 @@ use crate::{
     experiments::campaign::{Sensitivity, Summary},
 };
 
-/// Reasons that are printed.
+/// Maximum number of reasons printed.
 const REASONS: usize = 6;
 
-/// Rank correlations that are printed.
+/// Maximum number of rank correlations printed.
 const SENSITIVITIES: usize = 12;
 
-/// Largest p-value of a rank correlation that is printed. Of a thousand independent pairs, one has a smaller one.
+/// Largest p-value of a printed rank correlation: of a thousand independent pairs, one is expected to have a smaller
+/// one.
 const SIGNIFICANT: f64 = 1e-3;
 
 pub(super) fn text(summary: &Summary) -> String {

@@ -18,10 +18,10 @@ use crate::{
     },
 };
 
-/// Confidence of the interval that is printed at the end.
+/// Confidence level of the interval printed at the end.
 const CONFIDENCE: f64 = 0.95;
 
-/// How often progress is reported if stderr is no terminal.
+/// Period of progress reports if stderr is not a terminal.
 const REPORT_PERIOD: Duration = Duration::from_secs(30);
 
 /// Computes the runs of a campaign that its folder lacks, and prints statistics
@@ -169,12 +169,12 @@ pub(super) fn run_range(args: &RangeArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Reports progress on stderr: a bar on a terminal, otherwise a line now and then.
+/// Reports progress on stderr: a bar on a terminal, otherwise a line from time to time.
 struct Reporter {
     bar: ProgressBar,
     is_terminal: bool,
     start: Instant,
-    /// Runs that were done before.
+    /// Number of runs done before this command.
     before: Option<u64>,
     last: Instant,
 }

@@ -25,9 +25,9 @@ pub(super) struct Report {
     angular_velocity: Vec<RateOutput>,
     pub prediction: Vec<AttitudeOutput>,
     pub rms: f64,
-    /// Of `J`, `alpha`.
+    /// Covariance of `J` and `alpha`.
     pub covariance: Option<[[f64; 4]; 4]>,
-    /// Rows: the axes of `J` in the body axes of `q`.
+    /// Axes of `J` in the body axes of `q`, one axis per row.
     principal_axes: Option<Rows>,
     state: Option<StateOutput>,
     momentum: MomentumOutput,
@@ -50,9 +50,9 @@ struct RateOutput {
 #[derive(Serialize)]
 pub(super) struct AttitudeOutput {
     pub t: f64,
-    /// x, y, z, w.
+    /// Quaternion x, y, z, w.
     q: [f64; 4],
-    /// Of the rotation since the last frame \[rad²\].
+    /// Covariance of the rotation since the last frame \[rad²\].
     turn_covariance: Option<Rows>,
 }
 
@@ -61,12 +61,12 @@ pub(super) struct AttitudeOutput {
 struct StateOutput {
     t: f64,
     q: [f64; 4],
-    /// Of the attitude \[rad²\].
+    /// Covariance of the attitude \[rad²\].
     attitude_covariance: Rows,
     w: [f64; 3],
-    /// Of the angular velocity \[rad²/s²\].
+    /// Covariance of the angular velocity \[rad²/s²\].
     w_covariance: Rows,
-    /// Angular acceleration by torques \[rad/s²\].
+    /// Angular acceleration due to torques \[rad/s²\].
     angular_acceleration: [f64; 3],
 }
 
@@ -74,7 +74,7 @@ struct StateOutput {
 struct MomentumOutput {
     /// Direction of the angular momentum.
     direction: [f64; 3],
-    /// Of the direction \[rad²\].
+    /// Covariance of the direction \[rad²\].
     covariance: Option<Rows>,
     /// Momentum over twice the kinetic energy \[s\].
     over_twice_energy: f64,
@@ -83,7 +83,7 @@ struct MomentumOutput {
 #[derive(Serialize)]
 struct PointOutput {
     id: u64,
-    /// Body axes of `q`; see `centre` for the unit.
+    /// Position in the body axes of `q`; for the unit see `centre`.
     p: [f64; 3],
     covariance: Option<Rows>,
 }
@@ -93,9 +93,9 @@ struct PointOutput {
 struct CentreOutput {
     position: [f64; 3],
     velocity: [f64; 3],
-    /// Of position and velocity.
+    /// Covariance of position and velocity.
     covariance: [[f64; 6]; 6],
-    /// `m`, or `depth` if the scale is not determined: the depth of the centre in the first frame.
+    /// `m`, or, if the scale is unknown, `depth`: the depth of the centre in the first frame.
     unit: &'static str,
 }
 

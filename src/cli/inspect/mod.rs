@@ -62,8 +62,8 @@ pub struct Args {
 /// Runs `fuyu inspect`.
 ///
 /// # Errors
-/// [`Failure::Input`] for a bad description, a wrong number of values, or an unknown link or one that no joint moves;
-/// [`Failure::Check`] if no motion to the goal is found.
+/// [`Failure::Input`] for an invalid description, a wrong number of values, an unknown link, or a link that no joint
+/// moves; [`Failure::Check`] if no motion to the goal is found.
 pub fn run(args: Args) -> Result<(), Failure> {
     let model = read_model(&args.urdf, &args.packages, args.strict)?;
     let tip = tip(&model, args.tip.as_deref())?;
@@ -162,7 +162,7 @@ struct Report {
     base_map: DMatrix<f64>,
     #[serde(serialize_with = "rows")]
     reduced_inertia: DMatrix<f64>,
-    /// In base axes, angular about the system's centre of mass; the sum over the bodies.
+    /// Sum over the bodies in base axes; angular part about the system's centre of mass.
     #[serde(skip_serializing_if = "Option::is_none")]
     momentum: Option<MomentumReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -338,7 +338,7 @@ impl Report {
     }
 }
 
-/// Twist of the base frame from that of the base's centre of mass.
+/// Twist of the base frame, from the twist of the base's centre of mass.
 fn base_twist(Numbers(values): &Numbers, com: &Vector3<f64>) -> Result<Twist, Failure> {
     let &[vx, vy, vz, wx, wy, wz] = values.as_slice() else {
         return Err(Failure::Input(format!(

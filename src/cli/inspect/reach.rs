@@ -1,4 +1,4 @@
-//! `--reach`: a motion of the free-floating robot to a goal in the world.
+//! `--reach`: search for a motion of the free-floating robot to a goal in the world.
 
 use std::fmt::Write;
 
@@ -48,10 +48,10 @@ pub(super) struct ReachReport {
     /// Joint positions at the end of the motion.
     #[serde(skip_serializing_if = "Option::is_none")]
     q: Option<Vec<f64>>,
-    /// Pose of the base there, in the world.
+    /// Pose of the base in the world at the end.
     #[serde(skip_serializing_if = "Option::is_none")]
     base_pose: Option<PoseReport>,
-    /// Pose of the tip there, in the world.
+    /// Pose of the tip in the world at the end.
     #[serde(skip_serializing_if = "Option::is_none")]
     tip_pose: Option<PoseReport>,
     /// Joint positions along the motion.

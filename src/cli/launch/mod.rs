@@ -23,7 +23,7 @@ use monitor::{Observed, Progress};
 use overload::Overload;
 use plan::Plan;
 
-/// How long the start waits for the recorder.
+/// Longest wait for the recorder at the start.
 const RECORDER_PATIENCE: Duration = Duration::from_secs(5);
 
 /// Starts every node that a scenario names, in one process
@@ -68,8 +68,8 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure::Input`] for a wrong scenario, argument or folder; [`Failure::Runtime`] when a node fails, or when the
-/// computer was too slow for the scenario's result.
+/// [`Failure::Input`] for an invalid scenario, argument or folder; [`Failure::Runtime`] if a node fails, or if the
+/// computer was too slow to reach the scenario's result.
 pub fn run(args: &Args, ros_args: Vec<String>) -> Result<(), Failure> {
     return_free_memory();
     let (mut process, rest) =
@@ -93,7 +93,7 @@ pub fn run(args: &Args, ros_args: Vec<String>) -> Result<(), Failure> {
     if started.is_ok() {
         watch(&mut process, &plan, &progress);
     }
-    // Before the nodes end, and with them their endpoints.
+    // Counted before the nodes end, together with their endpoints.
     let overload = Overload::of(&nodes);
     let robot = summary::robot_of(&nodes);
     let finished = process.finish();
@@ -115,7 +115,7 @@ fn failure(error: NodeError) -> Failure {
     }
 }
 
-/// Starts the nodes; those of the scenario are added to `started`.
+/// Starts the nodes; adds the scenario's nodes to `started`.
 fn start(
     process: &mut Process,
     plan: &Plan,
@@ -144,7 +144,7 @@ fn start(
         // Before the publishing nodes, so that no message is missed.
         process.start_with(options("foxglove", namespace), move |node| {
             foxglove::program(node, address, cockpit, |page| {
-                // The page's address is the user's; nobody who reads the log may operate.
+                // Printed only: the log is public, and its readers must not get control.
                 if let Err(e) = print(&format!("cockpit: {page}\n")) {
                     tracing::warn!("cockpit: {e}");
                 }
@@ -171,7 +171,7 @@ fn start(
     };
     let mut robots = observed("dynamics");
     if robots.len() == 1 {
-        // Its time is /clock.
+        // Another process owns the time: /clock shows it.
         robots.clear();
     }
     let (controllers, missions) = (observed("controller"), observed("mission"));

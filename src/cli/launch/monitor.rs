@@ -1,4 +1,4 @@
-//! The node `launch_monitor`: observes a run by its topics, for the progress line and the summary.
+//! The node `launch_monitor`: observes a run on its topics, for progress line and summary.
 
 use std::{
     collections::BTreeMap,
@@ -19,7 +19,7 @@ use crate::{
     ros::{Node, NodeError, Qos, Subscription, Time},
 };
 
-/// Interval between two looks at the topics.
+/// Period at which the topics are checked.
 const PERIOD: Duration = Duration::from_millis(50);
 
 /// State of the run, shared with the launch.
@@ -45,7 +45,7 @@ impl Progress {
         change(&mut self.seen.lock().unwrap_or_else(PoisonError::into_inner));
     }
 
-    /// Whether the duration is over.
+    /// Whether the run's duration is over.
     pub fn is_over(&self) -> bool {
         self.over.load(Ordering::Acquire)
     }
@@ -62,9 +62,9 @@ impl Progress {
 /// Namespace of a node that the monitor observes.
 #[derive(Debug, Clone)]
 pub struct Observed {
-    /// The one that the scenario gives it.
+    /// The namespace given by the scenario.
     pub planned: String,
-    /// The one that it has after remapping (`__ns:=/NAMESPACE`).
+    /// The namespace after remapping (`__ns:=/NAMESPACE`).
     pub actual: String,
 }
 
@@ -74,9 +74,9 @@ impl Observed {
     }
 }
 
-/// The node's program: subscribes to `/clock`, to `controller/state` of the `controllers`, to `mission/state` of the
-/// `missions`, and to the odometry of `robots`, the dynamics nodes of several robots. It ends when the duration is over for
-/// all, or when all missions have been over for [`AFTER_MISSIONS`].
+/// The node's program. Subscribes to `/clock`, to `controller/state` of the `controllers`, to `mission/state` of the
+/// `missions`, and to the odometry of `robots`, the dynamics nodes of several robots. Ends when the duration is over
+/// for all robots, or [`AFTER_MISSIONS`] after the end of all missions.
 ///
 /// # Errors
 /// When DDS fails.
@@ -132,11 +132,11 @@ pub fn program(
         }
         if let Some(received) = clock.latest() {
             let time = Time::from(received.message.clock).as_secs_f64();
-            // Since it arrived. A wall clock that is set meanwhile must not matter.
+            // Age since arrival, bounded: the wall clock may be set meanwhile.
             let age = Time::wall().since(received.received_time).min(PERIOD);
             let at = Instant::now().checked_sub(age).unwrap_or_else(Instant::now);
             progress.see(|seen| {
-                // Time that is held at the start has not begun.
+                // Time held at the start does not count.
                 if time > 0.0 && seen.last.is_none_or(|(last, _)| time > last) {
                     seen.start.get_or_insert((time, at));
                     seen.last = Some((time, at));
@@ -151,7 +151,7 @@ pub fn program(
             progress.over.store(true, Ordering::Release);
             return Ok(());
         }
-        // Waiting for messages would wake this node for each of them.
+        // Waiting for messages would wake this thread for each of them.
         std::thread::sleep(PERIOD);
     }
     Ok(())

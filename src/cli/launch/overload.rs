@@ -1,4 +1,4 @@
-//! Overload: effects of a computer that is too slow on a run in real time.
+//! Overload: effects on a real-time run of a computer that is too slow.
 
 use std::collections::BTreeMap;
 
@@ -8,22 +8,22 @@ use crate::{
     ros::{Node, NodeName, ParameterValue},
 };
 
-/// Errors of tips \[m, rad\] by the namespace of the robot.
+/// Errors of the tips \[m, rad\] by namespace of the robot.
 type TipErrors = BTreeMap<String, (f64, f64)>;
 
 /// States and messages that were late or lost.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Overload {
-    /// States for which simulated time waited, since their answer was late.
+    /// Number of states for which simulated time waited because of a late answer.
     late: u64,
-    /// States that were not answered in time, although simulated time waited.
+    /// Number of states that were not answered in time, although simulated time waited.
     unanswered: u64,
-    /// Lost messages by topic.
+    /// Number of lost messages by topic.
     lost: BTreeMap<String, u64>,
 }
 
 impl Overload {
-    /// Counts of the nodes of a run so far.
+    /// Sums the counts of the nodes of a run.
     pub fn of(nodes: &[Node]) -> Self {
         let mut overload = Self::default();
         for node in nodes {
@@ -40,7 +40,7 @@ impl Overload {
         overload
     }
 
-    /// A line about it, with remedies; `None` if nothing was late or lost.
+    /// A line that describes the overload, with remedies; `None` if nothing was late or lost.
     pub fn line(&self) -> Option<String> {
         if *self == Self::default() {
             return None;
@@ -70,8 +70,8 @@ impl Overload {
     }
 }
 
-/// Why the final errors of the tip \[m, rad\] are not those of the scenario: they are outside the range of those that the
-/// references end with by more than the limits of `fuyu bag check`; `attitude_matters` says whether the law controls the
+/// Describes a deviation of the final tip errors \[m, rad\] from the scenario's result: errors beyond the range of the
+/// `references` by more than the limits of `fuyu bag check`. `attitude_matters` says whether the law controls the
 /// attitude.
 fn deviation(
     errors: (f64, f64),
@@ -100,15 +100,15 @@ fn deviation(
     })
 }
 
-/// Compares the final errors of the tips with two simulations of the same scenario in one thread up to the simulated time
-/// `end` \[s\]: one of the scenario as it is, one with camera poses that are a state late, as they are in real time on a
-/// computer that is fast enough. Returns a line if an error is outside the range of the two by more than the limits. (The
-/// range is wide where a small delay changes the result, as near a singularity.) Names the robot if there are several.
+/// Compares the final tip errors with two single-threaded reference simulations of the scenario up to the simulated
+/// time `end` \[s\]: the scenario as it is, and with camera poses that are late by one state, as in real time on a
+/// sufficiently fast computer. Returns a line if an error is beyond the range of the two by more than the limits. (The
+/// range is wide if a small delay changes the result, as near a singularity.) Names the robot if there are several.
 pub fn missed(scenario: &Scenario, errors: &TipErrors, end: f64) -> Option<String> {
     if !scenario.has("controller") {
         return None;
     }
-    // Without a reference the tips have to arrive.
+    // Without a reference simulation, tips must reach their goals.
     let prompt = references(scenario, end).unwrap_or_default();
     let late = with_late_poses(scenario).and_then(|late| references(&late, end));
     let late = late.unwrap_or_default();
@@ -132,7 +132,7 @@ pub fn missed(scenario: &Scenario, errors: &TipErrors, end: f64) -> Option<Strin
     })
 }
 
-/// The scenario with poses that arrive a state later.
+/// The scenario with camera poses delayed by one more state.
 fn with_late_poses(scenario: &Scenario) -> Option<Scenario> {
     let mut late = scenario.clone();
     for namespace in scenario.robots() {
@@ -145,7 +145,7 @@ fn with_late_poses(scenario: &Scenario) -> Option<Scenario> {
     Some(late)
 }
 
-/// The final errors of the tips without a load on the computer.
+/// Final tip errors of a single-threaded simulation.
 fn references(scenario: &Scenario, end: f64) -> Option<TipErrors> {
     let mut fleet = Fleet::new(scenario).ok()?;
     let namespaces: Vec<_> = fleet.robots().map(|(name, _)| name.to_owned()).collect();
@@ -194,7 +194,7 @@ mod tests {
         let missed = |position, attitude| deviation((position, attitude), reference, true);
         assert!(missed(0.078, 0.0).unwrap().contains("78.0 mm"));
         assert_eq!(missed(1.1e-3, 0.011), None);
-        // Nearer than the scenario's result is not that result, either.
+        // An error below the reference's is a deviation, too.
         let near = deviation((0.873, 0.086), [(0.889, 0.057); 2], true);
         assert!(
             near.unwrap()
@@ -202,13 +202,13 @@ mod tests {
         );
         assert!(missed(0.0, 0.1).unwrap().contains("5.73 deg"));
         assert_eq!(deviation((0.0, 0.1), [(0.0, 0.0); 2], false), None);
-        // A run that was too short for the scenario is as far as the reference.
+        // A run too short for convergence ends as far from the goal as the reference.
         assert_eq!(deviation((0.5, 0.3), [(0.5, 0.3); 2], true), None);
     }
 
-    // With these gains the arm passes a singularity, and a delay of one state changes the final attitude by 20 degrees: in
-    // real time it ends at 60.7 degrees on an idle computer. Would break if such a run were reported as missed, or any
-    // result counted in a scenario like this.
+    // With these gains the arm passes a singularity, and a delay of one state changes the final attitude by 20 degrees:
+    // in real time it ends at 60.7 degrees on an idle computer. Would break if such a run were reported as missed, or
+    // if any result were accepted in a scenario like this.
     #[test]
     fn a_scenario_that_a_small_delay_changes_has_a_range_of_results() {
         let mut scenario = Scenario::read("package://fuyu/config/servicing.yaml").unwrap();

@@ -11,7 +11,7 @@ use crate::{
     ros::{NodeName, ParameterValue, RosArgs},
 };
 
-/// A scenario combined with the command line options.
+/// A scenario combined with command line options.
 pub struct Plan {
     /// The scenario with ROS arguments and options applied.
     pub scenario: Scenario,
@@ -31,10 +31,10 @@ pub struct Plan {
 const FOXGLOVE: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8765);
 
 impl Plan {
-    /// Reads the scenario. Options have priority over ROS arguments, these over the file.
+    /// Reads the scenario. Options take precedence over ROS arguments, and these over the file.
     ///
     /// # Errors
-    /// One line that names the mistake and what would be right.
+    /// A line that names the mistake and the correct form.
     pub fn new(args: &Args, ros_args: RosArgs) -> Result<Self, String> {
         let name = args
             .config

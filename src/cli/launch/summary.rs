@@ -14,7 +14,7 @@ use crate::{
     spatial::roll_pitch_yaw_intrinsic,
 };
 
-/// Namespace of the robot that these nodes are of; `None` if they are in the root namespace or in several.
+/// Namespace common to all nodes; `None` if it is the root namespace, or there are several.
 pub fn robot_of(nodes: &[Node]) -> Option<String> {
     let mut namespaces = nodes.iter().map(|node| node.name().namespace());
     let first = namespaces.next().filter(|first| *first != "/")?;
@@ -23,8 +23,8 @@ pub fn robot_of(nodes: &[Node]) -> Option<String> {
         .then(|| first.to_owned())
 }
 
-/// The summary text, and how the result differs from the scenario's because the computer was too slow. `robot` is the namespace
-/// of the robot, if it has one.
+/// The summary text, and a line if the result misses the scenario's because the computer was too slow. `robot` is the
+/// namespace of the robot, if it has one.
 pub fn summary(
     plan: &Plan,
     progress: &Progress,

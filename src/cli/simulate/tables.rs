@@ -7,7 +7,7 @@ use crate::{
     nodes::dynamics::{FreeBody as _, World},
 };
 
-/// Figures of a robot's run; `name` heads them.
+/// Table of the figures of a robot's run, headed by `name`.
 pub(super) fn table(name: &str, s: &Summary) -> String {
     let time = |t: Option<f64>| t.map_or("not reached".to_owned(), |t| format!("{t:.2} s"));
     let [x, y, z] = s.base_displacement;

@@ -1,4 +1,4 @@
-//! Pictures of the robots and targets of a recorded run, from outside: `fuyu bag render`.
+//! Pictures of the robots and targets of a recorded run, seen from outside: `fuyu bag render`.
 
 mod states;
 mod viewpoint;
@@ -15,48 +15,49 @@ use crate::nodes::camera::images::{Body, Shape};
 use states::{RecordedBody, recorded_bodies, time_range};
 use viewpoint::placed_camera;
 
-/// Light from all directions, of full sunlight: the dark sides of bodies remain visible.
+/// Ambient light, relative to full sunlight, so that dark sides of bodies remain visible.
 const AMBIENT: f64 = 0.08;
 
-/// Magnitude of the faintest star, gain on their brightness, and seed of the sky. Next to sunlit bodies, real stars are invisible.
+/// Magnitude of the faintest star, brightness gain, and seed of the stars. Next to sunlit bodies, real stars are
+/// invisible.
 const STARS: (f64, f64, u64) = (5.5, 3e4, 1);
 
 /// Number of pictures if no times are given.
 const PICTURES: usize = 6;
 
-/// Shortest time between two pictures \[s\]: names of files have milliseconds.
+/// Shortest time between two pictures \[s\]: file names give milliseconds.
 const SHORTEST_INTERVAL: f64 = 0.001;
 
-/// Most pictures at equal distances of time.
+/// Maximum number of pictures at equal intervals.
 const MOST_PICTURES: f64 = 20_000.0;
 
 /// When pictures are made, in seconds since the start of the run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PictureTimes {
-    /// At the start, at the end and in between, six in all.
+    /// Six pictures, from start to end.
     Overview,
     /// At these times.
     At(Vec<f64>),
-    /// One in each interval of this length \[s\], from the start on.
+    /// At equal intervals of this length \[s\], beginning at the start.
     Every(f64),
 }
 
-/// What is drawn, and from where.
+/// Options of the pictures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PictureOptions {
-    /// When.
+    /// Times of the pictures.
     pub times: PictureTimes,
-    /// Which of the runs in the bag, from 1: a reset begins another one.
+    /// Number of the run in the bag, from 1: a reset begins a new run.
     pub run: usize,
     /// Columns and rows \[px\].
     pub size: (u32, u32),
-    /// Direction from the bodies to the camera, about the world's z-axis from its x-axis \[rad\].
+    /// Azimuth of the direction from the bodies to the camera: angle about the world's z axis from its x axis \[rad\].
     pub azimuth: f64,
-    /// The same, above the xy-plane of the world \[rad\].
+    /// Elevation of this direction: angle above the world's xy-plane \[rad\].
     pub elevation: f64,
     /// Horizontal field of view \[rad\].
     pub field_of_view: f64,
-    /// Part of the distance at which all bodies are in every picture: below 1 is closer.
+    /// Factor of the camera's distance; 1 is the smallest distance at which all bodies are in every picture.
     pub distance: f64,
 }
 
@@ -74,7 +75,7 @@ impl Default for PictureOptions {
     }
 }
 
-/// Why there are no pictures.
+/// Reason why no pictures can be made.
 #[derive(Debug, thiserror::Error)]
 pub enum PictureError {
     /// The bag, an option or a description in the bag is not usable.
@@ -85,17 +86,17 @@ pub enum PictureError {
     Write(String),
 }
 
-/// The files, and a line for each body or mesh that is not drawn.
+/// The files, and warnings on bodies and meshes that are not drawn.
 #[derive(Debug, Default)]
 pub struct Pictures {
     /// The pictures in the order of time.
     pub paths: Vec<PathBuf>,
-    /// What is missing in them.
+    /// Bodies and meshes that are not drawn, one line each.
     pub warnings: Vec<String>,
 }
 
-/// Draws the bodies of a run into `folder`. The camera stands still in the world, so far away that all bodies are in every
-/// picture.
+/// Draws the bodies of a run into `folder`. The camera is fixed in the world, at a distance at which all bodies are in
+/// every picture.
 ///
 /// # Errors
 /// [`PictureError`] with a line that names the option, topic or file.
@@ -183,7 +184,7 @@ impl PictureTimes {
 }
 
 impl RecordedBody {
-    /// The meshes of the body at each of `count` times. Adds a line for each mesh that cannot be drawn.
+    /// The meshes of the body at each of `count` times. Adds a warning for each mesh that cannot be drawn.
     fn drawn(
         self,
         namespace: &str,
@@ -216,7 +217,7 @@ impl RecordedBody {
     }
 }
 
-/// Sunlight over the shoulder of the camera, and stars.
+/// A scene lit by the Sun from behind the camera, with stars.
 fn lit_scene(camera: &Camera) -> Scene {
     let R_WC = camera.pose.open.rotation;
     let (faintest, gain, seed) = STARS;
@@ -232,10 +233,10 @@ fn lit_scene(camera: &Camera) -> Scene {
     scene
 }
 
-/// Writes a picture for people: without noise, coded as sRGB.
+/// Writes a picture for human viewers: without noise, in sRGB.
 fn write(frame: &Frame, path: &Path) -> Result<(), PictureError> {
     let sensor = Sensor {
-        // A white surface that faces the Sun is white.
+        // Exposure at which a white surface facing the Sun is white.
         exposure: 1.0,
         sensitivity: 1.0,
         full_well: 0.9,

@@ -8,10 +8,10 @@ use crate::experiments::recorded_names::is_of_target;
 use crate::experiments::recorded_runs::RunCounter;
 use crate::msg::{nav_msgs::Odometry, sensor_msgs::JointState, std_msgs};
 
-/// Type of the messages with poses.
+/// Type of the messages that contain poses.
 const ODOMETRY: &str = "nav_msgs/msg/Odometry";
 
-/// A message of a body, by the last parts of its topic.
+/// A message on a body, classified by type and topic.
 enum BodyMessage {
     Description(String),
     Joints(JointState),
@@ -19,7 +19,8 @@ enum BodyMessage {
 }
 
 impl BodyMessage {
-    /// The namespace of the body that a message is of: of a robot, or `ground_truth/NAME` of a target.
+    /// The namespace of the body that a message describes (a robot, or `ground_truth/NAME` for a target), and the
+    /// message.
     fn of(message: &Message) -> Option<(String, Self)> {
         let topic = &message.topic;
         let below = |suffix: &str| topic.name.strip_suffix(suffix).map(str::to_owned);
@@ -72,7 +73,8 @@ pub fn time_range(bag: &Bag, run: usize) -> Result<(i64, i64), PictureError> {
     })
 }
 
-/// The messages of a topic that hold at the times of the pictures: each the latest one up to its time, or the first one.
+/// The messages of a topic valid at the pictures' times: for each time the latest message up to then, or else the first
+/// one.
 pub struct Samples<M> {
     at_times: Vec<M>,
     latest: Option<M>,
@@ -86,10 +88,10 @@ impl<M: Clone> Samples<M> {
         }
     }
 
-    /// Takes the next message. `stamps` \[ns\] of the pictures ascend.
+    /// Takes the next message. `stamps` \[ns\] are the ascending times of the pictures.
     fn push(&mut self, stamps: &[i64], stamp: i64, message: M) {
         let before = self.latest.as_ref().unwrap_or(&message);
-        // Times of pictures are rounded.
+        // Times of pictures are rounded to milliseconds.
         let passed = stamps[self.at_times.len()..]
             .iter()
             .take_while(|at| **at + 500_000 < stamp);
@@ -129,7 +131,7 @@ pub fn recorded_bodies(bag: &Bag, run: usize, stamps: &[i64]) -> BTreeMap<String
             odometry: Samples::new(),
         });
         match message {
-            // Latched, and not repeated after a reset.
+            // Latched messages are not repeated after a reset.
             BodyMessage::Description(text) if of <= run => body.description = Some(text),
             BodyMessage::Joints(joints) if of == run => {
                 (body.joints).push(stamps, joints.header.stamp.nanos(), joints);
@@ -148,7 +150,7 @@ pub fn recorded_bodies(bag: &Bag, run: usize, stamps: &[i64]) -> BTreeMap<String
 mod tests {
     use super::*;
 
-    // Fails if a picture shows what comes after it.
+    // Fails if a picture shows a state after its time.
     #[test]
     fn a_picture_shows_the_latest_state_up_to_its_time() {
         const MS: i64 = 1_000_000;

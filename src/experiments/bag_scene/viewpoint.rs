@@ -1,17 +1,17 @@
-//! From where pictures of a run are made.
+//! Placement of the camera for pictures of a run.
 
 use fuyu_render::{Camera, Distortion, Instance, Intrinsics, Motion};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 
 use super::{PictureError, PictureOptions};
 
-/// Samples of a pixel, so that edges are smooth.
+/// Number of samples per pixel, for smooth edges.
 const SAMPLES: usize = 9;
 
-/// Spheres around the bodies are so much larger than they are, for an edge around the picture.
+/// Factor by which bounding spheres are enlarged, for a margin around the picture.
 const MARGIN: f64 = 1.1;
 
-/// The nearest camera of the given direction that has all bodies in view at all times.
+/// The nearest camera in the given direction that has all bodies in view at all times.
 pub fn placed_camera(
     bodies: &[Vec<Vec<Instance>>],
     options: &PictureOptions,
@@ -25,7 +25,7 @@ pub fn placed_camera(
         SAMPLES,
     );
     let camera = camera.map_err(|e| PictureError::Input(format!("--size: {e}")))?;
-    // Spheres around the meshes, in the axes of the camera.
+    // Bounding spheres of the meshes, in camera axes.
     let R_WC = optical_axes(options.azimuth, options.elevation);
     let spheres: Vec<(Vector3<f64>, f64)> = (bodies.iter().flatten().flatten())
         .map(|instance| {
@@ -60,11 +60,11 @@ pub fn placed_camera(
     ))))
 }
 
-/// Where a camera that looks along z must be for all spheres to be in its view along one of the axes across, x (0) or y (1),
-/// whose sides are `half` \[rad\] from the middle: the coordinate on that axis, and the largest z.
+/// Position of a camera that looks along z such that all spheres are in its view along one transverse axis, x (0) or y
+/// (1), for the half angle of view `half` \[rad\]. Returns the coordinate on this axis and the largest possible z.
 ///
-/// A sphere touches a side if its centre is its radius away from that plane. Each of the two sides is a bound on the
-/// position, and their corner is the point farthest ahead.
+/// A sphere touches a side plane of the view if the distance of its centre from the plane equals its radius. Each of
+/// the two side planes bounds the position; the intersection of the bounds is the foremost position.
 fn between_sides(spheres: &[(Vector3<f64>, f64)], axis: usize, half: f64) -> (f64, f64) {
     let (sin, cos) = half.sin_cos();
     let most = |sign: f64| {
@@ -76,8 +76,8 @@ fn between_sides(spheres: &[(Vector3<f64>, f64)], axis: usize, half: f64) -> (f6
     ((one - other) / (2.0 * cos), -(one + other) / (2.0 * sin))
 }
 
-/// Coordinate on an axis across of a camera at `z` with the spheres in the middle of its view: as near to one side as to the
-/// other, by the narrowest view that has all of them.
+/// Coordinate on a transverse axis of a camera at `z` that centres the spheres in its view: that of the narrowest view
+/// that contains all of them.
 fn in_the_middle(spheres: &[(Vector3<f64>, f64)], axis: usize, half: f64, z: f64) -> f64 {
     let (mut narrow, mut wide) = (0.0, half);
     for _ in 0..50 {
@@ -90,7 +90,7 @@ fn in_the_middle(spheres: &[(Vector3<f64>, f64)], axis: usize, half: f64, z: f64
     between_sides(spheres, axis, wide).0
 }
 
-/// Axes of an optical frame that looks opposite to a direction, with the world's z upward in the picture.
+/// Axes of an optical frame that looks against the given direction, with the world's z axis upward in the picture.
 fn optical_axes(azimuth: f64, elevation: f64) -> Rotation3<f64> {
     let (sin, cos) = azimuth.sin_cos();
     let toward = Vector3::new(
@@ -110,7 +110,7 @@ mod tests {
     #[test]
     fn the_camera_looks_at_the_bodies_with_z_upward() {
         let R_WC = optical_axes(0.0, 0.0);
-        // From +x it sees +y on the right and +z up.
+        // Seen from +x, +y is on the right and +z is up.
         assert!((R_WC * Vector3::z() + Vector3::x()).norm() < 1e-15);
         assert!((R_WC * Vector3::x() - Vector3::y()).norm() < 1e-15);
         assert!((R_WC * Vector3::y() + Vector3::z()).norm() < 1e-15);
@@ -119,7 +119,7 @@ mod tests {
         assert!((R_WC * Vector3::y()).z < -0.9);
     }
 
-    // Fails if a body is cut off at a side of the picture, or the camera is farther away than it must be.
+    // Fails if a body is cut off at a side of the picture, or the camera is farther away than necessary.
     #[test]
     fn the_camera_is_as_far_away_as_all_bodies_need() {
         use fuyu_render::{Material, Scene, primitives};
@@ -149,7 +149,7 @@ mod tests {
             let right = w - 1 - drawn.iter().map(|p| p.0).max().unwrap();
             let top = drawn.iter().map(|p| p.1).min().unwrap();
             let bottom = h - 1 - drawn.iter().map(|p| p.1).max().unwrap();
-            // In the tighter direction both sides are at the edge, in the other one the bodies are in the middle.
+            // In the tighter direction the bodies touch both edges; in the other direction they are centred.
             let edges = [left.max(right), top.max(bottom)];
             assert!((1..60).contains(edges.iter().min().unwrap()), "{edges:?}");
             assert!(left.min(right) > 0 && top.min(bottom) > 0, "{edges:?}");

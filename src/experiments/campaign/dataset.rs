@@ -1,5 +1,5 @@
-//! The folder of a campaign: results as Parquet tables of [`CHUNK`] runs each, and journals of the tables that are not
-//! complete yet.
+//! Dataset: the folder of a campaign, with results as Parquet tables of [`CHUNK`] runs each, and journals of incomplete
+//! tables.
 //!
 //! ```text
 //! campaign.json                    texts of campaign and scenario, columns
@@ -9,8 +9,8 @@
 //! journal/*.lock                   locks of ranges, and of the tables
 //! series/, bags/                   what else is kept
 //! ```
-//! The same campaign gives the same bytes in `results`, in whatever order, by however many processes, and how often it was
-//! killed.
+//! The bytes in `results` depend only on the campaign, not on the order of runs, the number of processes, or how often
+//! they were killed.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -29,7 +29,7 @@ use super::{
 };
 use crate::{experiments::Fleet, input_file};
 
-/// Runs in a table.
+/// Number of runs in a table.
 pub(super) const CHUNK: u64 = 256;
 
 /// Largest `campaign.json` \[bytes\].
@@ -42,15 +42,15 @@ pub struct Manifest {
     pub version: String,
     /// Name of the campaign.
     pub name: String,
-    /// Its file when it was started.
+    /// Path of the campaign's file when the campaign was started.
     pub campaign_path: PathBuf,
     /// The file's text.
     pub campaign: String,
-    /// The scenario's file when it was started.
+    /// Path of the scenario's file when the campaign was started.
     pub scenario_path: PathBuf,
     /// The file's text.
     pub scenario: String,
-    /// A hash of the robot descriptions.
+    /// Hash of the robot descriptions.
     pub descriptions: String,
     /// Number of runs.
     pub runs: u64,
@@ -90,7 +90,7 @@ impl Campaign {
         })
     }
 
-    /// Robots and targets may be files outside of the campaign.
+    /// Hash of the descriptions: robots and targets may be files outside the campaign.
     fn description_hash(&self) -> Result<String, String> {
         let fleet = Fleet::new(&self.scenario)?;
         let mut texts = String::new();
@@ -106,10 +106,10 @@ impl Campaign {
 }
 
 impl Dataset {
-    /// The dataset of `campaign` in `folder`, which is created, or continued if it is of the same campaign.
+    /// The dataset of `campaign` in `folder`. The folder is created, or continued if it has the same campaign.
     ///
     /// # Errors
-    /// [`CampaignError::Input`] if the folder holds something else, [`CampaignError::Runtime`] if it cannot be written.
+    /// [`CampaignError::Input`] if the folder has other content, [`CampaignError::Runtime`] if it cannot be written.
     pub fn create(campaign: &Campaign, folder: &Path) -> Result<Self, CampaignError> {
         let manifest = campaign.manifest().map_err(CampaignError::Input)?;
         let path = folder.join("campaign.json");
@@ -140,7 +140,7 @@ impl Dataset {
                 });
             }
         } else if folder.exists() {
-            // A killed process may have left a draft of campaign.json, nothing else.
+            // A killed process may have left only a draft of campaign.json.
             let is_draft = |entry: std::io::Result<fs::DirEntry>| {
                 entry.is_ok_and(|e| {
                     e.file_name()
@@ -206,7 +206,7 @@ impl Dataset {
         })
     }
 
-    /// What it holds.
+    /// The content of `campaign.json`.
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
     }
@@ -216,7 +216,7 @@ impl Dataset {
         &self.folder
     }
 
-    /// The campaign that it holds, as it was when it was started.
+    /// The campaign as it was when it was started.
     ///
     /// # Errors
     /// [`CampaignError::Input`] if a file that it names has changed or is missing.
@@ -271,7 +271,7 @@ impl Dataset {
         columns
     }
 
-    /// All rows that there are, by ascending run.
+    /// All rows so far, by ascending run.
     ///
     /// # Errors
     /// [`CampaignError::Runtime`] if a file cannot be read.
@@ -356,7 +356,7 @@ impl Dataset {
         })
     }
 
-    /// Journals of a table, by name.
+    /// Journals of a table, sorted by name.
     fn journals(&self, chunk: u64) -> Vec<PathBuf> {
         let prefix = format!("part-{chunk:06}.");
         let Ok(entries) = fs::read_dir(self.folder.join("journal")) else {
@@ -373,7 +373,7 @@ impl Dataset {
             .collect()
     }
 
-    /// Removes the partial table of a killed process.
+    /// Removes partial tables left by killed processes.
     pub(super) fn remove_drafts(&self) {
         for kind in ["results", "wall_time", "series"] {
             let Ok(entries) = fs::read_dir(self.folder.join(kind)) else {
@@ -381,17 +381,17 @@ impl Dataset {
             };
             for entry in entries.filter_map(Result::ok) {
                 if entry.file_name().to_string_lossy().starts_with('.') {
-                    // Readers ignore hidden files, so one more does no harm.
+                    // Readers ignore hidden files, so a remaining one does no harm.
                     let _ = fs::remove_file(entry.path());
                 }
             }
         }
     }
 
-    /// Makes the table of a chunk of its journals, if all of its runs are there. Returns those that are there.
+    /// Writes the table of a chunk from its journals, if all of its runs are done. Returns the runs that are done.
     pub(super) fn complete(&self, chunk: u64) -> Result<BTreeSet<u64>, CampaignError> {
-        // A process that knows more runs must not write its table between reading and writing here. Not every file system has
-        // locks.
+        // Locked: another process, whose campaign has more runs, must not write its table between reading and writing
+        // here. Not every file system supports locks.
         let lock = File::create(self.folder.join("journal").join("tables.lock"));
         let _lock = lock.and_then(|file| file.lock().map(|()| file));
         let all_are_in =
@@ -442,10 +442,10 @@ impl Dataset {
             .map_err(CampaignError::Runtime)?;
         }
         for journal in journals {
-            // One of a process that knows more runs may have others.
+            // A journal of a process with more runs may have further rows.
             let (journaled, _) = read_journal(&journal)?;
             if journaled.iter().all(|row| rows.contains_key(&row.run)) {
-                // Another process may have removed it.
+                // Another process may have removed it already.
                 let _ = fs::remove_file(journal);
             }
         }
@@ -453,7 +453,7 @@ impl Dataset {
     }
 }
 
-/// Difference between two campaigns, apart from the number of runs.
+/// The first difference between two campaigns, apart from the number of runs.
 fn difference(a: &Manifest, b: &Manifest) -> Option<&'static str> {
     if a.version != b.version {
         Some("version of fuyu")
@@ -470,12 +470,12 @@ fn difference(a: &Manifest, b: &Manifest) -> Option<&'static str> {
     }
 }
 
-/// The whole rows of a journal, and the bytes that they take. A line that a kill or a full disk has cut off is none.
+/// The complete rows of a journal, and their length in bytes. A line truncated by a kill or a full disk is not a row.
 pub(super) fn read_journal(path: &Path) -> Result<(Vec<Row>, u64), CampaignError> {
     let mut text = Vec::new();
     match File::open(path).and_then(|mut file| file.read_to_end(&mut text)) {
         Ok(_) => {}
-        // Another process has completed its table.
+        // Another process has completed the table and removed the journal.
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok((Vec::new(), 0)),
         Err(e) => {
             let text = format!("{}: cannot be read: {e}", path.display());

@@ -13,13 +13,13 @@ use super::{
 };
 use crate::ros::ParameterValue;
 
-/// How one parameter, or several correlated numbers, are drawn.
+/// Dispersion of one parameter, or of several correlated numbers.
 #[derive(Clone)]
 pub(super) struct Dispersion {
-    /// One whole parameter or element; of a correlated dispersion a place for each number.
+    /// The parameter or element; for a correlated dispersion, one place per number.
     pub places: Vec<Place>,
     apply: Apply,
-    /// Its first coordinate in the design.
+    /// Index of its first coordinate in the sampling design.
     first: usize,
     draw: Draw,
 }
@@ -27,12 +27,12 @@ pub(super) struct Dispersion {
 /// The drawn quantity.
 #[derive(Clone)]
 pub(super) enum Draw {
-    /// The values in turn, each for `stride` runs.
+    /// The values in turn, each for `stride` successive runs.
     Listed {
         values: Vec<ParameterValue>,
         stride: u64,
     },
-    /// One of them at random.
+    /// One of the values at random.
     Choice(Vec<ParameterValue>),
     /// A number for each element.
     Each(Vec<Distribution>),
@@ -40,7 +40,7 @@ pub(super) enum Draw {
         mean: Vec<f64>,
         covariance: Covariance,
     },
-    /// A vector of this length, uniform on the sphere.
+    /// A vector of this length with a random direction, uniform on the sphere.
     Sphere(f64),
     Rotation(Turn),
 }
@@ -49,26 +49,26 @@ pub(super) enum Draw {
 #[derive(Clone, Copy)]
 pub(super) enum Turn {
     Uniform,
-    /// By at most this angle \[rad\].
+    /// Random, by at most this angle \[rad\].
     Within(f64),
-    /// About a normal vector with this standard deviation of each component \[rad\].
+    /// A rotation vector whose components have this normal distribution \[rad\].
     Normal(Distribution),
 }
 
-/// State that dispersions share while they are built.
+/// State shared by dispersions while they are built.
 #[derive(Default)]
 pub(super) struct Building {
-    /// Names of the coordinates.
+    /// Names of the coordinates of the sampling design.
     pub coordinates: Vec<String>,
-    /// Length of the lists, which advance together.
+    /// Name and length of the lists, which advance together.
     pub(super) list: Option<(String, u64)>,
-    /// Dispersions that belong to grids, with their numbers of values.
+    /// Indices of dispersions that form a grid, with their numbers of values.
     pub(super) grids: Vec<(usize, u64)>,
 }
 
 impl Building {
-    /// Number of runs after which lists and grids repeat; sets how long the values of grids last: the last grid varies
-    /// fastest, after the lists.
+    /// Sets the strides of grids: the last grid varies fastest, after the lists. Returns the number of runs after which
+    /// lists and grids repeat.
     pub fn finish(&self, dispersions: &mut [Dispersion]) -> Result<Option<u64>, String> {
         let mut total = self.list.as_ref().map_or(1, |(_, length)| *length);
         for (index, count) in self.grids.iter().rev() {
@@ -87,7 +87,7 @@ impl Dispersion {
     /// The dispersion of the parameter `name`.
     ///
     /// # Errors
-    /// A line with the parameter, and what would be right.
+    /// A line that names the parameter and the allowed form.
     pub fn new(
         name: &str,
         file: &DispersionFile,
@@ -116,7 +116,7 @@ impl Dispersion {
         })
     }
 
-    /// Numbers with a covariance.
+    /// The dispersion of several numbers with a covariance.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -157,7 +157,7 @@ impl Dispersion {
         })
     }
 
-    /// Number of elements that a whole list has after it.
+    /// Number of elements of a whole list after the change; `None` for anything else.
     pub fn length(&self, parameters: &Parameters) -> Option<usize> {
         let place = &self.places[0];
         if place.element.is_some() || self.places.len() > 1 {
@@ -175,7 +175,7 @@ impl Dispersion {
         })
     }
 
-    /// Draws for a run and changes the parameters.
+    /// Draws the values for a run, and records the changed parameters.
     pub fn change(
         &self,
         run: u64,
@@ -230,7 +230,7 @@ impl Dispersion {
         }
     }
 
-    /// Puts a listed value, which fits the parameter.
+    /// Applies a listed value, which fits the parameter.
     fn put_value(&self, value: &ParameterValue, parameters: &Parameters, changes: &mut Changes) {
         let place = &self.places[0];
         match (self.apply, numbers_of(value)) {
@@ -243,7 +243,7 @@ impl Dispersion {
 }
 
 impl Draw {
-    /// Number of coordinates that it needs.
+    /// Number of coordinates of the sampling design that it needs.
     fn dimensions(&self) -> usize {
         match self {
             Self::Listed { .. } => 0,

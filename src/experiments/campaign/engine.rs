@@ -1,4 +1,4 @@
-//! Many runs on the processors of one machine.
+//! Engine that computes many runs on the processors of one machine.
 
 use std::{
     ffi::OsString,
@@ -21,50 +21,51 @@ use super::{
     worker::{Answer, WorkerProcess},
 };
 
-/// Longest time without a call of `progress`, and until workers notice a stop request.
+/// Longest time between calls of `progress`, and longest reaction time of workers to a stop request.
 pub(super) const POLL_PERIOD: Duration = Duration::from_millis(200);
 
-/// How often a run is tried during which its process dies. The run need not be the cause: all processes may be being killed.
+/// Number of attempts for a run during which its process dies. The run need not be the cause: all processes may be
+/// killed.
 const TRIES: u32 = 3;
 
-/// Most runs that a process computes at the same time, in the lanes of SIMD registers.
+/// Maximum number of runs that a process computes at the same time, in the lanes of SIMD registers.
 const LANES: usize = 8;
 
 /// Where runs are computed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Workers {
-    /// In threads of this process. A run that hangs inside of one step, or ends the process, ends the campaign.
+    /// In threads of this process. A run that hangs within a step, or terminates the process, ends the campaign.
     Threads,
-    /// In processes of this command (an executable and its first arguments), which is called with the dataset's folder as its last
-    /// argument, and calls [`serve_worker`](super::serve_worker): `fuyu campaign worker DIR`, for example.
+    /// In processes with this command (executable and first arguments). The dataset's folder is appended as last
+    /// argument; the command must call [`serve_worker`](super::serve_worker), as `fuyu campaign worker DIR` does.
     Processes(Vec<OsString>),
 }
 
-/// How a range of runs is computed.
+/// Options for computing a range of runs.
 #[derive(Debug, Clone)]
 pub struct RangeOptions {
-    /// Runs at the same time.
+    /// Number of runs at the same time.
     pub jobs: usize,
-    /// Where.
+    /// Where runs are computed.
     pub workers: Workers,
 }
 
-/// How far a range is.
+/// Progress of a range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
-    /// Runs that are done, those of earlier processes included.
+    /// Number of runs done, including those of earlier processes.
     pub done: u64,
-    /// Runs of the range.
+    /// Number of runs in the range.
     pub total: u64,
 }
 
-/// Computes the runs of a range that `dataset` lacks, and returns how far it came. `progress` is called at the start, after
-/// each run, and at least every 200 ms; if it breaks, no further run starts, and processes are ended during their runs. The rows
-/// do not depend on the order, nor on the options.
+/// Computes the missing runs of a range in `dataset`. Returns the progress. `progress` is called at the start, after
+/// each run, and at least every 200 ms; if it breaks, no further run starts, and processes are killed during their
+/// runs. The rows do not depend on the order of computation or on the options.
 ///
 /// # Errors
-/// [`CampaignError::Input`] if there are no such runs, [`CampaignError::Runtime`] if the dataset cannot be written, or a
-/// process cannot start; what is done is kept.
+/// [`CampaignError::Input`] if the campaign has no such runs, [`CampaignError::Runtime`] if the dataset cannot be
+/// written, or a process cannot start; completed rows are kept.
 pub fn run_range(
     campaign: &Campaign,
     dataset: &Dataset,
@@ -92,7 +93,7 @@ pub fn run_range(
     let queue = Mutex::new(missing.into_iter());
     let stop = AtomicBool::new(false);
     thread::scope(|scope| {
-        // Bounded, so that rows do not pile up before a slow disk.
+        // Bounded, so that rows do not accumulate if the disk is slow.
         let (sender, rows) = mpsc::sync_channel(2 * jobs);
         for _ in 0..jobs {
             let (sender, queue, stop) = (sender.clone(), &queue, &stop);
@@ -106,7 +107,7 @@ pub fn run_range(
                 };
                 while !stop.load(Ordering::Relaxed) {
                     let mut queue = queue.lock().unwrap_or_else(PoisonError::into_inner);
-                    // Fewer towards the end, so that all workers end at about the same time.
+                    // Smaller batches towards the end, so that all workers finish at about the same time.
                     let count = (queue.len() / (2 * jobs)).clamp(1, worker.lanes());
                     let next: Vec<_> = queue.by_ref().take(count).collect();
                     drop(queue);
@@ -117,7 +118,7 @@ pub fn run_range(
                         Ok(ControlFlow::Continue(())) => {}
                         Ok(ControlFlow::Break(())) => break,
                         Err(e) => {
-                            // If nobody receives it, an earlier one has ended the campaign.
+                            // Not received if an earlier error has ended the campaign.
                             let _ = sender.send(Err(e));
                             break;
                         }
@@ -148,19 +149,19 @@ pub fn run_range(
     })
 }
 
-/// Who computes runs, one after the other.
+/// A worker thread, which computes runs by itself or by a process.
 struct Worker<'a> {
     campaign: &'a Campaign,
     folder: &'a Path,
     workers: &'a Workers,
     /// Set by a stop request.
     stop: &'a AtomicBool,
-    /// That waits for work.
+    /// Its process while it is idle.
     process: Option<WorkerProcess>,
 }
 
 impl Worker<'_> {
-    /// How many runs it computes at the same time.
+    /// Number of runs that it computes at the same time.
     fn lanes(&self) -> usize {
         match self.workers {
             Workers::Threads => 1,
@@ -169,7 +170,7 @@ impl Worker<'_> {
         }
     }
 
-    /// Computes runs and sends their rows, each as soon as it is there. Breaks on a stop request, or if nobody receives them.
+    /// Computes runs and sends each row as soon as it is done. Breaks on a stop request, or if the receiver is gone.
     fn run_all(
         &mut self,
         runs: &[u64],
@@ -180,7 +181,7 @@ impl Worker<'_> {
             let Some(mut process) = self.idle_or_new(command)? else {
                 return Ok(ControlFlow::Break(()));
             };
-            // One that ends or hangs is replaced, and each run alone shows which one it was.
+            // If the process dies or hangs, it is replaced, and each missing run is computed alone to find the culprit.
             let mut is_there = process.ask(runs);
             while is_there && !missing.is_empty() {
                 match process.reply(longest_wait(self.campaign, 1), self.stop) {
@@ -208,7 +209,7 @@ impl Worker<'_> {
         Ok(ControlFlow::Continue(()))
     }
 
-    /// The row of a run; nothing on a stop request.
+    /// Computes the row of a run; `None` on a stop request.
     fn run(&mut self, run: u64) -> Result<Option<Row>, CampaignError> {
         let campaign = self.campaign;
         if self.stop.load(Ordering::Relaxed) {
@@ -246,7 +247,7 @@ impl Worker<'_> {
         Ok(Some(campaign.lost(run, Verdict::Crash, reason, time)))
     }
 
-    /// The process that waits for work, or a new one; nothing on a stop request.
+    /// The idle process, or a new one; `None` on a stop request.
     fn idle_or_new(
         &mut self,
         command: &[OsString],
@@ -258,8 +259,8 @@ impl Worker<'_> {
     }
 }
 
-/// Longest wait for the row of a run after `attempts` to compute it together with others \[s\]. A process looks at the time itself
-/// after every state; this is for one that does not return.
+/// Longest wait for the row of a run after `attempts` to compute it together with others \[s\]. A process checks the
+/// time limit itself after every state; this limit is for a process that hangs.
 pub(super) fn longest_wait(campaign: &Campaign, attempts: u32) -> f64 {
     let attempts = attempts + campaign.attempts();
     1.1 * f64::from(attempts) * campaign.time_limit() + 5.0

@@ -1,4 +1,4 @@
-//! Reads the text of a campaign, `config/campaigns/*.yaml`.
+//! Parser of campaign files, `config/campaigns/*.yaml`.
 
 use std::{fmt, marker::PhantomData, path::Path};
 
@@ -22,10 +22,10 @@ pub(super) struct CampaignFile {
     pub sampling: SamplingName,
     /// Simulated time \[s\].
     pub duration: Option<f64>,
-    /// Wall time after which a run is given up \[s\].
+    /// Wall time after which a run is aborted \[s\].
     #[serde(default = "ten_minutes")]
     pub time_limit: f64,
-    /// Values that are the same in all runs.
+    /// Parameter values that are the same in all runs.
     #[serde(default)]
     pub parameters: InOrder<Value>,
     #[serde(default)]
@@ -66,20 +66,20 @@ impl From<SamplingName> for Sampling {
     }
 }
 
-/// How a drawn number changes the scenario's.
+/// How a drawn number is combined with the scenario's value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Apply {
-    /// It replaces it.
+    /// Replaces the value.
     #[default]
     Set,
-    /// It is added to it; a rotation follows it.
+    /// Adds to the value; rotations are composed.
     Add,
-    /// It multiplies it.
+    /// Multiplies the value.
     Scale,
 }
 
-/// Dispersion of one parameter: exactly one of the kinds.
+/// Dispersion of one parameter; exactly one of the kinds must be given.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct DispersionFile {
@@ -97,7 +97,7 @@ pub(super) struct DispersionFile {
     pub rotation: Option<RotationFile>,
 }
 
-/// A number for all elements, or one for each.
+/// One number for all elements, or one for each element.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(untagged)]
 pub(super) enum Numbers {
@@ -106,7 +106,7 @@ pub(super) enum Numbers {
 }
 
 impl Numbers {
-    /// The number of an element.
+    /// The number for an element.
     pub fn get(&self, element: usize) -> f64 {
         match self {
             Self::One(x) => *x,
@@ -114,7 +114,7 @@ impl Numbers {
         }
     }
 
-    /// How many there are, if there is one for each element.
+    /// Number of values, if there is one for each element.
     pub fn count(&self) -> Option<usize> {
         match self {
             Self::One(_) => None,
@@ -202,7 +202,7 @@ pub(super) struct CorrelatedFile {
     pub covariance: Vec<Vec<f64>>,
 }
 
-/// Data that are kept of a run.
+/// Data that are kept for each run.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct KeepFile {
@@ -220,7 +220,7 @@ pub(super) struct SeriesFile {
     pub values: Vec<String>,
 }
 
-/// The runs of which bags are kept.
+/// The runs whose bags are kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Bags {
@@ -230,7 +230,7 @@ pub(super) enum Bags {
     Failed,
 }
 
-/// A mapping in the order of the file, without repeated keys.
+/// A mapping in the order of the file; repeated keys are errors.
 #[derive(Debug, Clone)]
 pub(super) struct InOrder<T>(pub Vec<(String, T)>);
 
@@ -267,10 +267,10 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for InOrder<T> {
 }
 
 impl CampaignFile {
-    /// Reads a text that errors call `path`.
+    /// Parses a text; errors refer to it as `path`.
     ///
     /// # Errors
-    /// A line with file, line and what is wrong.
+    /// A line with file, line and mistake.
     pub fn parse(path: &Path, text: &str) -> Result<Self, String> {
         let options = serde_saphyr::options! {
             alias_limits: serde_saphyr::alias_limits! {
@@ -303,7 +303,7 @@ impl CampaignFile {
         if let Some(series) = &self.keep.series {
             positive("keep.series.period", series.period)?;
         }
-        // Sums of seeds and hashes are as long; others read them exactly only up to this.
+        // JSON and other readers represent integers exactly only up to 2^53.
         if self.seed >= 1 << 53 {
             return Err(format!("seed is {}; give less than 2^53", self.seed));
         }

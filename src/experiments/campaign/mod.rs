@@ -1,9 +1,9 @@
-//! Campaigns: a scenario many times, with parameters that differ from run to run.
+//! Campaigns: many runs of a scenario, with parameters that differ from run to run.
 //!
-//! [`Campaign::load`] reads `config/campaigns/*.yaml`. The parameters of run `n` depend on the campaign's seed and on `n`
-//! only. [`Campaign::scenario_of`] returns the scenario of a run, which `fuyu simulate` repeats to the bit.
-//! [`Campaign::run_one`] simulates one run, [`run_range`] a range of runs into a [`Dataset`]; after a kill it continues the
-//! dataset. [`Summary`] evaluates a dataset.
+//! [`Campaign::load`] reads `config/campaigns/*.yaml`. The parameters of run `n` depend only on the campaign's seed and
+//! on `n`. [`Campaign::scenario_of`] returns the scenario of a run, with which `fuyu simulate` repeats the run bit by
+//! bit. [`Campaign::run_one`] simulates one run; [`run_range`] simulates a range of runs into a [`Dataset`], and
+//! continues the dataset after a kill. [`Summary`] evaluates a dataset.
 
 mod dataset;
 mod dispersion;
@@ -50,10 +50,10 @@ pub use row::{Cell, Column, ColumnKind, Row, Verdict};
 pub use summary::{Quantiles, Sensitivity, Summary, WorstRun};
 pub use worker::serve_worker;
 
-/// Why a campaign cannot be read, run or evaluated: one line per problem.
+/// Reason why a campaign cannot be read, run or evaluated: one line per problem.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CampaignError {
-    /// The file, a folder or an argument is wrong.
+    /// A file, a folder or an argument is invalid.
     #[error("{0}")]
     Input(String),
     /// The environment failed: a full disk, a lost process.
@@ -69,14 +69,14 @@ pub struct Campaign {
     scenario_text: String,
     file: CampaignFile,
     runs: u64,
-    /// With the parameters that are the same in all runs.
+    /// The scenario, with the parameter values that are the same in all runs.
     scenario: Scenario,
     nominal: Parameters,
     dispersions: Vec<Dispersion>,
     design: Design,
     seeds: Vec<Place>,
     parameters: Vec<Column>,
-    /// Where the values of the parameters' columns are.
+    /// Places of the values in the parameters' columns.
     places: Vec<Place>,
     results: Vec<Column>,
     criteria: Vec<Criterion>,
@@ -87,7 +87,7 @@ impl Campaign {
     /// runs.
     ///
     /// # Errors
-    /// [`CampaignError::Input`] with file, field and what would be right.
+    /// [`CampaignError::Input`] with file, field and the correct form.
     pub fn load(name: &str, runs: Option<u64>) -> Result<Self, CampaignError> {
         Self::read(name, runs).map_err(CampaignError::Input)
     }
@@ -106,10 +106,10 @@ impl Campaign {
         Self::new(path, text, scenario.path(), scenario_text, runs)
     }
 
-    /// A campaign from the texts of its file and its scenario, which errors call by their paths.
+    /// A campaign from the texts of its file and its scenario; errors refer to them by their paths.
     ///
     /// # Errors
-    /// A line with file, field and what would be right.
+    /// A line with file, field and the correct form.
     pub(crate) fn new(
         path: PathBuf,
         text: String,
@@ -228,7 +228,7 @@ impl Campaign {
         &self.path
     }
 
-    /// Name of the campaign: the file's without its ending.
+    /// Name of the campaign: the file name without extension.
     pub fn name(&self) -> String {
         let stem = self.path.file_stem();
         stem.map_or_else(String::new, |s| s.to_string_lossy().into_owned())
@@ -259,7 +259,7 @@ impl Campaign {
         &self.criteria
     }
 
-    /// Wall time after which a run is given up \[s\].
+    /// Wall time after which a run is aborted \[s\].
     pub fn time_limit(&self) -> f64 {
         self.file.time_limit
     }
@@ -302,7 +302,7 @@ impl Campaign {
         scenario
     }
 
-    /// The scenario of a run as a parameter file, which `fuyu simulate` repeats to the bit.
+    /// The scenario of a run as a parameter file, with which `fuyu simulate` repeats the run bit by bit.
     ///
     /// # Errors
     /// None in practice; [`CampaignError::Input`] if the scenario's arguments cannot be read.
@@ -320,7 +320,7 @@ impl Campaign {
         let seed = self.seed_of(run);
         for place in &self.seeds {
             let own = seed_of(seed, 0, &self.nominal.name(place));
-            // Below 2^53.
+            // Seeds are below 2^53.
             let value = ParameterValue::Integer(own as i64);
             changes.insert((place.node, place.parameter.clone()), value);
         }
@@ -330,7 +330,7 @@ impl Campaign {
         changes
     }
 
-    /// The value of a criterion's quantity in a run.
+    /// The value in a run of the quantity that a criterion judges.
     fn quantity(
         &self,
         criterion: &Criterion,
@@ -344,7 +344,7 @@ impl Campaign {
     }
 }
 
-/// The scenario with what the campaign sets in all runs, and all its parameters.
+/// The scenario with the campaign's fixed values, and all its parameters.
 fn with_fixed(
     mut scenario: Scenario,
     file: &CampaignFile,
@@ -371,7 +371,7 @@ fn with_fixed(
     Ok((scenario, all))
 }
 
-/// No number may be dispersed twice.
+/// Refuses numbers that are dispersed twice.
 fn refuse_overlaps(dispersions: &[Dispersion], nominal: &Parameters) -> Result<(), String> {
     let places: Vec<&Place> = dispersions.iter().flat_map(|d| &d.places).collect();
     for (i, a) in places.iter().enumerate() {
@@ -386,7 +386,7 @@ fn refuse_overlaps(dispersions: &[Dispersion], nominal: &Parameters) -> Result<(
     Ok(())
 }
 
-/// The result of a run that ends at its first state: what results have.
+/// The result of a run that ends at its first state; it shows which values results have.
 fn first_result(scenario: &Scenario) -> Result<Value, String> {
     check_robots(scenario)?;
     let mut fleet = Fleet::new(scenario)?;

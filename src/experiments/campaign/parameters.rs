@@ -8,19 +8,19 @@ use crate::{
     ros::{NodeName, ParameterValue},
 };
 
-/// A parameter of a node, or an element of one that is a list.
+/// A parameter of a node, or an element of a list parameter.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Place {
     /// Index of the node in the scenario.
     pub node: usize,
     /// Name of the parameter.
     pub parameter: String,
-    /// Which element of a list.
+    /// Index of the element, if it is an element of a list.
     pub element: Option<usize>,
 }
 
 impl Place {
-    /// The same of an element.
+    /// The place of an element of this parameter.
     pub fn element(&self, element: usize) -> Self {
         Self {
             element: Some(element),
@@ -37,10 +37,10 @@ pub(super) struct Parameters {
 }
 
 impl Parameters {
-    /// Those of `scenario`.
+    /// The parameters of `scenario`.
     ///
     /// # Errors
-    /// A line per wrong parameter of the scenario.
+    /// One line per invalid parameter of the scenario.
     pub fn of(scenario: &Scenario) -> Result<Self, String> {
         let nodes = scenario.nodes().to_vec();
         let declared = nodes.iter().map(|node| scenario.declared(node));
@@ -50,7 +50,7 @@ impl Parameters {
         })
     }
 
-    /// The name of a node in dotted names: without a namespace if that is unique.
+    /// Name of a node in dotted names: without a namespace if it is unique without.
     fn node_name(&self, node: usize) -> String {
         let name = &self.nodes[node];
         match self
@@ -64,10 +64,10 @@ impl Parameters {
         }
     }
 
-    /// Finds what a dotted name means.
+    /// Finds the parameter or element with a dotted name.
     ///
     /// # Errors
-    /// A line that says what there is.
+    /// A line that lists the known names.
     pub fn find(&self, name: &str) -> Result<Place, String> {
         let (whole, element) = split_element(name)?;
         let Some((node_name, parameter)) = whole.split_once('.') else {
@@ -171,14 +171,14 @@ impl Parameters {
     }
 }
 
-/// The name that is most similar to `name`, if one is similar.
+/// The name most similar to `name`, if any is similar enough.
 pub(super) fn near<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let ranked = names.map(|n| (strsim::damerau_levenshtein(n, name), n));
     let (distance, near) = ranked.min()?;
     (distance <= 1 + name.len() / 4).then_some(near)
 }
 
-/// `name[3]` is element 3 of `name`.
+/// Splits `name[3]` into `name` and 3.
 fn split_element(name: &str) -> Result<(&str, Option<usize>), String> {
     let Some(start) = name.strip_suffix(']') else {
         return Ok((name, None));
@@ -202,10 +202,10 @@ pub(super) fn length(value: &ParameterValue) -> Option<usize> {
     }
 }
 
-/// Values of parameters that differ from the scenario's.
+/// Parameter values that differ from the scenario's, by node and name.
 pub(super) type Changes = BTreeMap<(usize, String), ParameterValue>;
 
-/// The cell of a value, or of an element of it.
+/// A value, or an element of it, as a cell.
 pub(super) fn cell(value: &ParameterValue, element: Option<usize>) -> Cell {
     let element = element.unwrap_or(0);
     let found = match value {
@@ -223,7 +223,7 @@ pub(super) fn cell(value: &ParameterValue, element: Option<usize>) -> Cell {
     found.unwrap_or(Cell::Null)
 }
 
-/// The kind of the column of a value.
+/// The type of the column for a value.
 pub(super) fn column_kind(value: &ParameterValue) -> ColumnKind {
     match value {
         ParameterValue::Bool(_) | ParameterValue::BoolArray(_) => ColumnKind::Bool,

@@ -1,4 +1,4 @@
-//! Pictures of a campaign.
+//! Plots of a campaign.
 
 use std::path::{Path, PathBuf};
 
@@ -11,17 +11,17 @@ use super::{
 };
 use crate::experiments::{Figure, Mark, Marks, Panel, PlaneFigure, Series};
 
-/// Most points of a curve or of a scatter plot.
+/// Maximum number of points of a curve or of a scatter plot.
 const MOST_POINTS: usize = 2000;
 
-/// Scatter plots: those of the strongest rank correlations.
+/// Number of scatter plots, which show the strongest rank correlations.
 const SCATTER_PLOTS: usize = 8;
 
-/// Weakest rank correlation that is drawn.
+/// Weakest rank correlation for which a scatter plot is drawn.
 const WEAKEST: f64 = 0.1;
 
-/// Draws the success rate by the number of runs, the distribution of each numeric result, and the strongest dependences of
-/// results on parameters, as SVG and PNG into `folder`. Returns the SVG files.
+/// Draws success rate over number of runs, the distribution of each numeric result, and the strongest dependences of
+/// results on parameters into `folder`, as SVG and PNG. Returns the SVG files.
 ///
 /// # Errors
 /// [`CampaignError`] if the dataset cannot be read or a picture not be written.
@@ -81,7 +81,7 @@ pub fn plot(
     Ok(files)
 }
 
-/// A name of a file from the names of columns.
+/// A file name from the names of columns.
 fn file_name(parts: &[&str]) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
     let parts = parts
@@ -91,7 +91,7 @@ fn file_name(parts: &[&str]) -> String {
     name.replace("_-", "-").trim_end_matches('_').to_owned()
 }
 
-/// Places of at most [`MOST_POINTS`] of `count` things, the last one included.
+/// At most [`MOST_POINTS`] indices below `count`, including the last one.
 fn thinned(count: usize) -> impl Iterator<Item = usize> {
     let step = count.div_ceil(MOST_POINTS).max(1);
     (0..count).filter(move |i| i % step == 0 || i + 1 == count)
@@ -139,7 +139,7 @@ fn success_rate(rows: &[Row], confidence: f64, title: String) -> Figure {
     }
 }
 
-/// The share of runs below each value.
+/// Empirical distribution: the share of runs up to each value.
 fn distribution(name: &str, mut numbers: Vec<f64>, title: String) -> Option<Figure> {
     numbers.retain(|x| x.is_finite());
     numbers.sort_by(f64::total_cmp);
@@ -163,7 +163,7 @@ fn distribution(name: &str, mut numbers: Vec<f64>, title: String) -> Option<Figu
     })
 }
 
-/// Successes and other runs by different signs.
+/// Scatter points: successes and other runs with different signs.
 fn marks(rows: &[Row], x: &[f64], y: &[f64]) -> Vec<Marks> {
     let of = |is_success: bool| {
         let points =

@@ -1,4 +1,4 @@
-//! Writing a range of runs into a dataset.
+//! Writer of a range of runs into a dataset.
 
 use std::{
     collections::BTreeMap,
@@ -15,16 +15,16 @@ pub(super) struct RangeWriter<'a> {
     dataset: &'a Dataset,
     /// First and last run.
     range: RangeInclusive<u64>,
-    /// Of the chunks that are not complete: the journal, and how many runs of the range are missing.
+    /// Incomplete chunks: the journal, and the number of missing runs of the range.
     open: BTreeMap<u64, (Option<File>, u64)>,
     /// Whether each run of the range is done.
     done: Vec<bool>,
-    /// Held while this exists: nobody else computes the same range.
+    /// Lock while this exists: no other process computes the same range.
     _lock: Option<File>,
 }
 
 impl<'a> RangeWriter<'a> {
-    /// Looks what is done already. If another process computes the same range, waits for its end.
+    /// Reads which runs are done. If another process computes the same range, waits until it ends.
     pub fn new(dataset: &'a Dataset, range: RangeInclusive<u64>) -> Result<Self, CampaignError> {
         let folder = dataset.folder().join("journal");
         let runtime = |path: &Path, e: std::io::Error| {
@@ -33,7 +33,8 @@ impl<'a> RangeWriter<'a> {
         fs::create_dir_all(&folder).map_err(|e| runtime(&folder, e))?;
         let path = folder.join(format!("{}-{}.lock", range.start(), range.end()));
         let lock = File::create(&path).map_err(|e| runtime(&path, e))?;
-        // Not every file system has locks. Two processes would do the same work twice, with the same result.
+        // Not every file system supports locks. Without one, two processes would do the same work, with the same
+        // result.
         let lock = lock.lock().is_ok().then_some(lock);
         let size = dataset.manifest().chunk;
         if range == (0..=dataset.manifest().runs - 1) {
@@ -96,7 +97,7 @@ impl<'a> RangeWriter<'a> {
                     .write(true)
                     .open(&path);
                 let mut file = options.map_err(at)?;
-                // A line that was cut off.
+                // Removes a truncated line.
                 file.set_len(whole).map_err(at)?;
                 file.seek(SeekFrom::End(0)).map_err(at)?;
                 journal.insert(file)
@@ -112,12 +113,13 @@ impl<'a> RangeWriter<'a> {
         Ok(())
     }
 
-    /// Completes a chunk of which no run of the range is missing any more.
+    /// Completes a chunk in which no run of the range is missing any more.
     fn close(&self, chunk: u64, mut journal: File) -> Result<(), CampaignError> {
         if self.complete(chunk)? == 0 {
             return Ok(());
         }
-        // A process that knows fewer runs has completed its table and removed the journal, while a row was being added.
+        // A process whose campaign has fewer runs has completed its table and removed the journal while a row was being
+        // added.
         let path = self.journal_path(chunk);
         let mut text = Vec::new();
         let read = journal
@@ -136,7 +138,8 @@ impl<'a> RangeWriter<'a> {
         }
     }
 
-    /// Completes a chunk, if all of its rows are there; how many runs of the range are not.
+    /// Writes the table of a chunk if all of its rows are done. Returns the number of rows of the range that are
+    /// missing.
     fn complete(&self, chunk: u64) -> Result<usize, CampaignError> {
         let there = self.dataset.complete(chunk)?;
         let mut own = self.dataset.runs_of(chunk);
@@ -145,7 +148,7 @@ impl<'a> RangeWriter<'a> {
         Ok(own.filter(|run| !there.contains(run)).count())
     }
 
-    /// Where the rows of a chunk are until it is complete.
+    /// Journal of a chunk, which has its rows until the chunk is complete.
     fn journal_path(&self, chunk: u64) -> PathBuf {
         let (first, last) = (self.range.start(), self.range.end());
         let name = format!("part-{chunk:06}.{first}-{last}.jsonl");

@@ -9,11 +9,11 @@ use super::{
     row::{Cell, Column, ColumnKind},
 };
 
-/// Parts of the result that are not kept unless they are named.
+/// Parts of the result that are kept only if they are named.
 const OMITTED: [&str; 3] = ["final", "events", "wall_time"];
 
-/// Dotted names of the values of a result, with their kinds: `base_displacement[0]`, `final.q.joint1`; of a list also
-/// `events.count`. What is null in `result` counts as a number.
+/// Dotted names of the values in a result, with their types: `base_displacement[0]`, `final.q.joint1`; for lists also
+/// `events.count`. Null values count as numbers.
 pub(super) fn leaves(result: &Value) -> BTreeMap<String, ColumnKind> {
     let mut found = BTreeMap::new();
     collect("", result, &mut found);
@@ -21,7 +21,7 @@ pub(super) fn leaves(result: &Value) -> BTreeMap<String, ColumnKind> {
     found
 }
 
-/// Wall times are no results of a run: they are never the same.
+/// Whether a value is a wall time, which is not a result, since it is never the same.
 fn is_wall_time(name: &str) -> bool {
     name.split('.').any(|part| part == "wall_time")
 }
@@ -52,10 +52,10 @@ fn collect(name: &str, value: &Value, found: &mut BTreeMap<String, ColumnKind>) 
     found.insert(name.to_owned(), kind);
 }
 
-/// The columns for the named values, or for all numbers outside of the final state.
+/// The columns for the named values; without names, for all numbers except [`OMITTED`] parts.
 ///
 /// # Errors
-/// A line with a name that the result lacks.
+/// A line with a name that is not in the result.
 pub(super) fn columns(names: Option<&[String]>, result: &Value) -> Result<Vec<Column>, String> {
     let leaves = leaves(result);
     let Some(names) = names else {
@@ -82,7 +82,7 @@ pub(super) fn columns(names: Option<&[String]>, result: &Value) -> Result<Vec<Co
     Ok(columns)
 }
 
-/// A line that says that there is no `name` among `names`.
+/// The error that `name` is not among `names`.
 pub(super) fn unknown<'a>(name: &str, names: impl Iterator<Item = &'a str> + Clone) -> String {
     let hint = near(name, names.clone()).map_or_else(
         || {
@@ -94,7 +94,7 @@ pub(super) fn unknown<'a>(name: &str, names: impl Iterator<Item = &'a str> + Clo
     format!("a run has no result {name}; {hint}")
 }
 
-/// The value that a dotted name means.
+/// The value with a dotted name.
 pub(super) fn value(result: &Value, name: &str, kind: ColumnKind) -> Cell {
     let Some(found) = find(result, name) else {
         return Cell::Null;
@@ -115,7 +115,7 @@ enum Found<'a> {
     Count(usize),
 }
 
-/// Follows a dotted name. Keys may contain dots themselves.
+/// Finds the value with a dotted name. Keys may themselves contain dots.
 fn find<'a>(value: &'a Value, name: &str) -> Option<Found<'a>> {
     if name.is_empty() {
         return Some(Found::Value(value));
@@ -141,7 +141,7 @@ fn find<'a>(value: &'a Value, name: &str) -> Option<Found<'a>> {
     }
 }
 
-/// A comparison with a number.
+/// A comparison operator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Comparison {
     Less,
@@ -152,7 +152,7 @@ enum Comparison {
     NotEqual,
 }
 
-/// Longer signs first, so that none is read as a shorter one.
+/// Comparison operators; longer ones first, so that `<=` is not read as `<`.
 const COMPARISONS: [(&str, Comparison); 6] = [
     ("<=", Comparison::LessOrEqual),
     (">=", Comparison::GreaterOrEqual),
@@ -173,10 +173,10 @@ pub struct Criterion {
 }
 
 impl Criterion {
-    /// Reads it.
+    /// Parses a criterion.
     ///
     /// # Errors
-    /// A line that says what would be right.
+    /// A line with the correct form.
     pub fn parse(text: &str) -> Result<Self, String> {
         let wrong = || {
             format!("success: '{text}' is no criterion; write it as in 'tip_position_error < 0.01'")
@@ -201,17 +201,17 @@ impl Criterion {
         })
     }
 
-    /// As it is written.
+    /// The criterion as written.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// The result or parameter that it is about.
+    /// Name of the result or parameter that it judges.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The value that is compared.
+    /// The quantity that is compared: the value or its magnitude.
     pub fn quantity(&self, value: f64) -> f64 {
         match self.is_absolute {
             true => value.abs(),
@@ -219,7 +219,7 @@ impl Criterion {
         }
     }
 
-    /// Whether a value meets it. No value does not.
+    /// Whether a value meets the criterion; a missing value does not.
     pub fn is_met(&self, value: Option<f64>) -> bool {
         let Some(x) = value.map(|x| self.quantity(x)) else {
             return false;
@@ -234,7 +234,7 @@ impl Criterion {
         }
     }
 
-    /// How far a value is on the wrong side: larger is worse. Infinite without a value.
+    /// Distance by which a value violates the criterion; larger is worse. Infinite for a missing value.
     pub fn excess(&self, value: Option<f64>) -> f64 {
         let Some(x) = value.map(|x| self.quantity(x)) else {
             return f64::INFINITY;
@@ -298,7 +298,7 @@ mod tests {
             error.contains("did you mean tip_position_error?"),
             "{error}"
         );
-        // Wall times are in a table of their own.
+        // Wall times are in a separate table.
         assert!(columns(Some(&["wall_time".to_owned()]), &result()).is_err());
     }
 

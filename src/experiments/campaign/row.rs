@@ -1,8 +1,8 @@
-//! The row of a run, and its text in a journal.
+//! The row of a run, and its serialisation in a journal.
 
 use serde::{Deserialize, Serialize};
 
-/// How a run ended.
+/// Outcome of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -12,16 +12,16 @@ pub enum Verdict {
     Failure,
     /// The simulation could not start or ended early: an invalid value, a motion that diverged.
     Error,
-    /// It exceeded the time limit.
+    /// The run exceeded the time limit.
     Timeout,
-    /// The program had an error of its own.
+    /// The program panicked.
     Panic,
-    /// The process ended.
+    /// The process of the run died.
     Crash,
 }
 
 impl Verdict {
-    /// All of them.
+    /// All verdicts.
     pub const ALL: [Self; 6] = [
         Self::Success,
         Self::Failure,
@@ -44,14 +44,14 @@ impl Verdict {
     }
 }
 
-/// A value of a row.
+/// A value in a row.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cell {
-    /// There is none.
+    /// No value.
     Null,
-    /// A number.
+    /// A floating-point number.
     Number(f64),
-    /// A whole number.
+    /// An integer.
     Integer(i64),
     /// True or false.
     Bool(bool),
@@ -60,7 +60,7 @@ pub enum Cell {
 }
 
 impl Cell {
-    /// As a number, if it is one; true is 1.
+    /// The value as a number, if possible; true is 1.
     pub fn number(&self) -> Option<f64> {
         match self {
             Self::Number(x) => Some(*x),
@@ -71,7 +71,7 @@ impl Cell {
     }
 }
 
-/// Texts, because JSON has no infinity and readers of its numbers may lose the last bit.
+/// Serialised as text, since JSON has no infinity, and readers of its numbers may lose the last bit.
 impl From<Cell> for String {
     fn from(cell: Cell) -> Self {
         match cell {
@@ -116,16 +116,16 @@ impl<'de> Deserialize<'de> for Cell {
     }
 }
 
-/// State and result of a run.
+/// Parameters, verdict and results of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// Number of the run, from 0.
     pub run: u64,
-    /// Seed of the run, from which those of its sensors follow.
+    /// Seed of the run, from which the seeds of its sensors are derived.
     pub seed: u64,
     /// How it ended.
     pub verdict: Verdict,
-    /// Why it is no success.
+    /// Reason if it is not a success.
     pub reason: Option<String>,
     /// Dispersed parameters, in the order of [`Campaign::parameters`](super::Campaign::parameters).
     pub parameters: Vec<Cell>,
@@ -140,11 +140,11 @@ pub struct Row {
 pub struct Column {
     /// Its name.
     pub name: String,
-    /// What its cells hold.
+    /// Type of its cells.
     pub kind: ColumnKind,
 }
 
-/// Type of the cells of a column, unless they are empty.
+/// Type of the non-empty cells of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ColumnKind {

@@ -1,4 +1,4 @@
-//! One run.
+//! Simulation of campaign runs.
 
 use std::{
     fs,
@@ -23,7 +23,7 @@ use crate::{
     nodes::scenario::Scenario,
 };
 
-/// The line of a run that exceeded its time.
+/// The reason for a run that exceeded its time limit.
 pub(super) fn too_long(limit: f64) -> String {
     format!("exceeded the time limit of {limit} s")
 }
@@ -34,13 +34,13 @@ enum Outcome {
     Error(String),
     Timeout,
     Panic(String),
-    /// Bag or series cannot be written, which is no result of the run.
+    /// Bag or series could not be written, which is not a result of the run.
     Unwritten(String),
 }
 
 impl Campaign {
-    /// Simulates a run. Whatever happens is in the row; only a hang inside of one step and the end of the process are not.
-    /// Time series and bags go to `folder`, if there is one.
+    /// Simulates a run. The row records every outcome except a hang within a step and the end of the process. Time
+    /// series and bags are written to `folder`, if given.
     ///
     /// # Errors
     /// [`CampaignError::Runtime`] if series or bag cannot be written.
@@ -55,9 +55,9 @@ impl Campaign {
         self.row_of(run, &scenario, outcome, folder, start)
     }
 
-    /// Simulates several runs at the same time in this thread, whose plants are stepped in SIMD lanes where they can
-    /// be: the same rows as those of [`Campaign::run_one`], sooner, in the order of `runs`. `add` gets each row as soon as it is
-    /// there. The wall time of a run is its share.
+    /// Simulates several runs at the same time in this thread; their plants are integrated in SIMD lanes if possible.
+    /// Gives the same rows as [`Campaign::run_one`], faster, in the order of `runs`. `add` is called with each row as
+    /// soon as it is complete. The wall time of a run is its share.
     ///
     /// # Errors
     /// As [`Campaign::run_one`], and those of `add`, after which no further run starts.
@@ -71,11 +71,10 @@ impl Campaign {
         mut add: impl FnMut(Row) -> Result<(), CampaignError>,
     ) -> Result<(), CampaignError> {
         let start = Instant::now();
-        // Bags and time series are written run by run; their memory is that of one run.
+        // Bags and time series are written run by run, so that memory is limited to that of one run.
         let outcomes = match runs.len() < 2 || self.runs_alone() {
             true => None,
-            // What one of them does must not change the others: after a panic, or too long a time, each is computed
-            // alone.
+            // Runs must not affect each other: after a panic or a timeout, each run is computed alone.
             false => catch_unwind(AssertUnwindSafe(|| self.simulate_all(runs)))
                 .ok()
                 .flatten(),
@@ -92,7 +91,8 @@ impl Campaign {
         })
     }
 
-    /// How often a run is simulated at most: once more for its bag, if it fails and only bags of such runs are kept.
+    /// Maximum number of simulations per run: two if bags of failed runs are kept, since a failed run is repeated for
+    /// its bag.
     pub(super) fn attempts(&self) -> u32 {
         match self.file.keep.bags {
             Bags::Failed => 2,
@@ -100,7 +100,7 @@ impl Campaign {
         }
     }
 
-    /// Whether each run is computed by itself, because it writes a bag or a time series.
+    /// Whether each run is computed alone, because it writes a bag or a time series.
     pub(super) fn runs_alone(&self) -> bool {
         let keep = &self.file.keep;
         keep.bags == Bags::All || keep.series.is_some()
@@ -143,7 +143,7 @@ impl Campaign {
         let wanted = self.file.keep.bags == Bags::Failed
             && !matches!(verdict, Verdict::Success | Verdict::Timeout);
         if let Some(folder) = folder.filter(|_| wanted) {
-            // The same once more, with a bag, which is not part of its wall time.
+            // Repeats the run with a bag; this does not count in its wall time.
             if let Outcome::Unwritten(e) = self.attempt(run, scenario, None, Some(folder)) {
                 return Err(CampaignError::Runtime(e));
             }
@@ -159,7 +159,7 @@ impl Campaign {
         })
     }
 
-    /// The row of a run that did not return.
+    /// The row of a run whose process did not return a row.
     pub(super) fn lost(&self, run: u64, verdict: Verdict, reason: String, wall_time: f64) -> Row {
         Row {
             run,
@@ -206,7 +206,7 @@ impl Campaign {
         let mut bag = None;
         if let Some(folder) = bags {
             let folder = folder.join("bags").join(name_of(run));
-            // What a killed process has left.
+            // Removes the remains of a killed process.
             let _ = fs::remove_dir_all(&folder);
             match simulation::create_bag(scenario, &fleet, &folder) {
                 Ok(new) => bag = Some(new),
@@ -249,7 +249,7 @@ impl Campaign {
         }
     }
 
-    /// Simulates several runs without bags and time series; `None` if they take too long.
+    /// Simulates several runs without bags and time series; `None` if the time limit is exceeded.
     fn simulate_all(&self, runs: &[u64]) -> Option<Vec<(Scenario, Outcome)>> {
         let scenarios: Vec<_> = runs.iter().map(|run| self.scenario_of(*run)).collect();
         let (mut fleets, mut refused) = (Vec::new(), Vec::new());
@@ -295,7 +295,7 @@ impl Campaign {
     }
 }
 
-/// Result of a run that ended with `observed`.
+/// The outcome of a simulation that ended with `observed`.
 fn end_of(scenario: &Scenario, fleet: &Fleet, observed: Result<Vec<Observed>, Stop>) -> Outcome {
     let observed = match observed {
         Ok(observed) => observed,

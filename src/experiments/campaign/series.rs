@@ -1,4 +1,4 @@
-//! Thinned time series of a run.
+//! Time series of a run at a reduced rate.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ use crate::{
     nodes::scenario::Scenario,
 };
 
-/// Most values that the series of a run may have, so that memory is bounded.
+/// Maximum number of values in the series of a run, which limits memory.
 const MOST_VALUES: f64 = 1e7;
 
 /// Samples the state of a run.
@@ -69,7 +69,7 @@ impl SeriesRecorder {
     }
 }
 
-/// The values that a series may have at a state: those of `final`, and the errors of the tip.
+/// The values at a state that a series may contain: those of `final`, and the tip errors.
 fn sample(fleet: &Fleet, observed: &[Observed]) -> Value {
     let robots = fleet
         .robots()
@@ -95,10 +95,10 @@ fn sample(fleet: &Fleet, observed: &[Observed]) -> Value {
     }
 }
 
-/// Checks that the scenario has the values.
+/// Checks that the scenario has the values named in `file`.
 ///
 /// # Errors
-/// A line with the value and what would be right.
+/// A line that names the value and lists the known ones.
 pub(super) fn check(file: &SeriesFile, scenario: &Scenario) -> Result<(), String> {
     let mut fleet = Fleet::new(scenario)?;
     let mut first = Value::Null;

@@ -10,13 +10,13 @@ use super::{
     row::{Cell, Column, ColumnKind, Row, Verdict},
 };
 
-/// Worst runs per criterion.
+/// Number of worst runs listed per criterion.
 const WORST: usize = 5;
 
-/// Different reasons that are listed.
+/// Maximum number of different reasons listed.
 const MOST_REASONS: usize = 20;
 
-/// Name of the verdict as a result: 1 for success, 0 for anything else.
+/// Name of the verdict as a result: 1 for success, otherwise 0.
 const SUCCESS: &str = "success";
 
 /// Statistics of the runs that are done.
@@ -28,17 +28,17 @@ pub struct Summary {
     pub runs: u64,
     /// Runs that are done.
     pub completed: u64,
-    /// How they ended.
+    /// Number of runs by verdict.
     pub verdicts: BTreeMap<&'static str, u64>,
-    /// Share of successes; `None` if nothing is done.
+    /// Share of successes; `None` if no run is done.
     pub success_rate: Option<f64>,
     /// Its confidence interval.
     pub confidence_interval: Option<ConfidenceInterval>,
-    /// Why runs are no success, the most frequent reasons first.
+    /// Reasons for other verdicts than success, the most frequent first.
     pub reasons: Vec<Reason>,
     /// Statistics of each numeric result.
     pub results: BTreeMap<String, Quantiles>,
-    /// The worst runs by each criterion, the worst first; without criteria those with the largest first result.
+    /// The worst runs by each criterion, the worst first; without criteria, the runs with the largest first result.
     pub worst: Vec<WorstRun>,
     /// Rank correlations of results with parameters, the strongest first.
     pub sensitivities: Vec<Sensitivity>,
@@ -49,9 +49,9 @@ pub struct Summary {
 /// A confidence interval of a probability.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ConfidenceInterval {
-    /// How it is computed.
+    /// Method of computation.
     pub method: &'static str,
-    /// Share of all cases in which such an interval contains the probability, at least.
+    /// Confidence level: probability, at least, that the interval contains the true value.
     pub confidence: f64,
     /// Lower end.
     pub lower: f64,
@@ -59,7 +59,7 @@ pub struct ConfidenceInterval {
     pub upper: f64,
 }
 
-/// A reason.
+/// A reason for not being a success, with its frequency.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Reason {
     /// Verdict of the runs.
@@ -72,10 +72,10 @@ pub struct Reason {
     pub first_run: u64,
 }
 
-/// Statistics of a number over the runs that have it.
+/// Statistics of a quantity over the runs that have a value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Quantiles {
-    /// Runs that have it.
+    /// Number of runs with a value.
     pub count: usize,
     /// Mean.
     pub mean: f64,
@@ -83,19 +83,19 @@ pub struct Quantiles {
     pub standard_deviation: Option<f64>,
     /// Smallest.
     pub min: f64,
-    /// Quantiles: 1 %.
+    /// 1 % quantile.
     pub p01: f64,
-    /// 5 %.
+    /// 5 % quantile.
     pub p05: f64,
-    /// 25 %.
+    /// 25 % quantile.
     pub p25: f64,
     /// Median.
     pub p50: f64,
-    /// 75 %.
+    /// 75 % quantile.
     pub p75: f64,
-    /// 95 %.
+    /// 95 % quantile.
     pub p95: f64,
-    /// 99 %.
+    /// 99 % quantile.
     pub p99: f64,
     /// Largest.
     pub max: f64,
@@ -125,14 +125,14 @@ impl Quantiles {
     }
 }
 
-/// One of the worst runs.
+/// One of the worst runs by a criterion or result.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct WorstRun {
     /// The criterion, or the result.
     pub by: String,
     /// Number of the run.
     pub run: u64,
-    /// The value; `None` if the run has none.
+    /// The value of the quantity; `None` if the run has none.
     pub value: Option<f64>,
     /// Its verdict.
     pub verdict: Verdict,
@@ -147,9 +147,9 @@ pub struct Sensitivity {
     pub parameter: String,
     /// Spearman's coefficient.
     pub rho: f64,
-    /// Probability that independent quantities have a coefficient at least as large.
+    /// Probability of a coefficient of at least this magnitude for independent quantities.
     pub p_value: f64,
-    /// Runs that have both.
+    /// Number of runs with both values.
     pub count: usize,
 }
 
@@ -229,7 +229,7 @@ pub(super) struct Table<'a> {
 }
 
 impl Table<'_> {
-    /// Numbers of a parameter's or a result's column; NaN where there is none.
+    /// The numbers in a parameter's or result's column, NaN for missing ones; `None` without such a column.
     pub fn numbers(&self, name: &str) -> Option<Vec<f64>> {
         let in_results = self.results.iter().position(|c| c.name == name);
         let in_parameters = self.parameters.iter().position(|c| c.name == name);
@@ -272,7 +272,7 @@ impl Table<'_> {
         worst
     }
 
-    /// Adds the runs with the largest excess. Runs without a simulation have their reasons listed.
+    /// Adds the runs with the largest excess. Runs without a completed simulation are left out.
     fn rank(
         &self,
         by: &str,

@@ -1,4 +1,4 @@
-//! Parquet tables: the same rows give the same bytes.
+//! Reproducible Parquet tables: equal rows give equal bytes.
 
 use std::{
     fs::{self, File},
@@ -25,7 +25,7 @@ use parquet::{
 
 use super::row::{Cell, Column, ColumnKind};
 
-/// Writes a table: first to a file next to it, which then takes its name, so that there is never half of one.
+/// Writes a table atomically, so that an incomplete table never exists.
 ///
 /// # Errors
 /// A line with the file.
@@ -34,7 +34,7 @@ pub(super) fn write(path: &Path, columns: &[Column], rows: &[Vec<Cell>]) -> Resu
     replace(path, &bytes)
 }
 
-/// Gives a file new content, all at once, also if the process is killed or the disk is full.
+/// Replaces the content of a file atomically, also if the process is killed or the disk is full.
 ///
 /// # Errors
 /// A line with the file.
@@ -48,7 +48,7 @@ pub(super) fn replace(path: &Path, bytes: &[u8]) -> Result<(), String> {
     let draft = folder.join(format!(".{name}.{}.{count}", std::process::id()));
     let written = write_synced(&draft, bytes).and_then(|()| fs::rename(&draft, path));
     if written.is_err() {
-        // The error is that of writing.
+        // The error of writing is reported, not this one.
         let _ = fs::remove_file(&draft);
     }
     written.map_err(at)
@@ -114,7 +114,7 @@ fn put<'a, T: DataType>(
     value: impl Fn(&Cell) -> Option<T::T>,
 ) -> Result<(), ParquetError> {
     let cells: Vec<Option<T::T>> = cells.map(value).collect();
-    // Definition levels: 1 where there is a value.
+    // Definition levels: 1 for a value, 0 for null.
     let present: Vec<i16> = cells.iter().map(|cell| i16::from(cell.is_some())).collect();
     let values: Vec<T::T> = cells.into_iter().flatten().collect();
     let column = group.next_column()?;
@@ -125,7 +125,7 @@ fn put<'a, T: DataType>(
     column.close()
 }
 
-/// Reads a table that [`write`] wrote.
+/// Reads a table written by [`write`].
 ///
 /// # Errors
 /// A line with the file.

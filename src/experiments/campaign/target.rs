@@ -1,4 +1,4 @@
-//! Target of a dispersion: which dispersions fit a parameter.
+//! Target of a dispersion: the parameter, and the dispersions that fit it.
 
 use fuyu_campaign::{Covariance, Distribution};
 use serde_json::Value;
@@ -11,7 +11,7 @@ use super::{
 };
 use crate::ros::ParameterValue;
 
-/// Most values of a grid.
+/// Maximum number of values in a grid.
 const LARGEST_GRID: u64 = 1_000_000;
 
 /// The parameter that is dispersed.
@@ -29,7 +29,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// The one kind that the file gives.
+    /// The only kind given in the file.
     pub fn kind(&self, file: &DispersionFile) -> Result<&'static str, String> {
         let given = [
             ("list", file.list.is_some()),
@@ -58,7 +58,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Number of elements of a whole list, otherwise `None`.
+    /// Number of elements of a whole list; `None` for a number or an element.
     fn elements(&self) -> Option<usize> {
         match self.is_element {
             true => None,
@@ -66,7 +66,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// How many numbers are drawn: one for a number, one for each element of a list.
+    /// Number of drawn numbers: one for a number, one per element for a list.
     fn count(&self, lists: &[Option<&Numbers>]) -> Result<usize, String> {
         let given = lists.iter().flatten().find_map(|numbers| numbers.count());
         let count = match (self.elements(), given) {
@@ -92,10 +92,10 @@ impl<'a> Target<'a> {
         Ok(count)
     }
 
-    /// What the file says.
+    /// The draw described by the file.
     ///
     /// # Errors
-    /// What would be right.
+    /// The correct form.
     pub fn draw(
         &self,
         kind: &str,
@@ -265,7 +265,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Whether what is drawn fits the parameter.
+    /// Checks that the drawn quantity fits the parameter.
     pub fn check(&self, draw: &Draw, apply: Apply) -> Result<(), String> {
         let is_list = !self.is_element && length(self.nominal).is_some();
         let kind = self.nominal.kind();
@@ -342,7 +342,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Values of the file as the parameter's type.
+    /// Values of the file, converted to the parameter's type.
     fn values(&self, values: &[Value]) -> Result<Vec<ParameterValue>, String> {
         if values.is_empty() {
             return Err("there are no values".to_owned());

@@ -11,7 +11,7 @@ use std::{
 
 use super::*;
 
-/// The positioning scenario, `seconds` long, with lines of a campaign.
+/// A campaign of the positioning scenario, `seconds` long, with further lines.
 fn campaign(runs: u64, seconds: f64, lines: &str) -> Result<Campaign, String> {
     let text = format!(
         "scenario: package://fuyu/config/positioning.yaml\nruns: {runs}\nseed: 5\nduration: {seconds:?}\n{lines}"
@@ -147,7 +147,7 @@ fn seeds_of_sensors_differ_between_runs_and_between_sensors() {
     assert_ne!(seed(0, "camera", "seed"), seed(1, "camera", "seed"));
     assert_ne!(seed(0, "camera", "seed"), seed(0, "dynamics", "imu.seed"));
     assert_eq!(seed(3, "camera", "seed"), seed(3, "camera", "seed"));
-    // Where features are is no noise.
+    // Positions of features are fixed parameters, not noise.
     let fixed = campaign_with_seed();
     assert_eq!(
         fixed.scenario_of(4).camera().map(|c| c.quality.seed),
@@ -284,8 +284,8 @@ fn wrong_campaigns_are_refused_with_a_hint() {
     }
 }
 
-// Coverage of the interval over 200 campaigns of 100 runs with a known probability, through drawn parameters and criteria. Fewer
-// than 180 of at least 95 % have probability 0.001.
+// Coverage of the interval over 200 campaigns of 100 runs with a known probability, through drawn parameters and
+// criteria. For a coverage of at least 95 %, fewer than 180 hits have probability 0.001.
 #[test]
 fn the_success_interval_contains_a_known_probability() {
     let mut contained = 0;
@@ -364,7 +364,7 @@ fn together(campaign: &Campaign, runs: &[u64]) -> Vec<Row> {
     rows
 }
 
-// Neighbours in the lanes, or how they end, must not change a run.
+// Other runs in the lanes, and how they end, must not change a run.
 #[test]
 fn runs_together_are_those_alone() {
     let lines = "dispersions:\n  camera.dropout: {list: [0.0, 0.3, 2.0, 0.5, 0.1, 0.0, 0.2, 0.9, 0.4, 0.7]}\n  \
@@ -387,7 +387,8 @@ fn runs_together_are_those_alone() {
     assert!(verdicts.contains(&Verdict::Success) || verdicts.contains(&Verdict::Failure));
 }
 
-// Runs together compute only the figures that are kept or judged, runs alone all: this fails if one of the former is left out.
+// Runs together compute only the figures that are kept or judged, runs alone compute all: this fails if one of the
+// former is left out.
 #[test]
 fn kept_figures_of_runs_together_are_those_alone() {
     for lines in [

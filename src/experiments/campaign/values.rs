@@ -1,4 +1,4 @@
-//! Values of parameters: from the file of a campaign, and changed by drawn numbers.
+//! Parameter values: converted from a campaign file, and changed by drawn numbers.
 
 use serde_json::Value;
 
@@ -8,7 +8,7 @@ use super::{
 };
 use crate::ros::ParameterValue;
 
-/// A value of the file as the type of `like`, or of an element of it.
+/// A value of the file, converted to the type of `like` or of its elements.
 pub(super) fn fit(
     value: &Value,
     like: &ParameterValue,
@@ -44,7 +44,7 @@ pub(super) fn fit(
     })
 }
 
-/// The numbers of a value, if it has numbers.
+/// The numbers in a value; `None` if it has no numbers.
 pub(super) fn numbers_of(value: &ParameterValue) -> Option<Vec<f64>> {
     match value {
         ParameterValue::Integer(i) => Some(vec![*i as f64]),
@@ -55,7 +55,7 @@ pub(super) fn numbers_of(value: &ParameterValue) -> Option<Vec<f64>> {
     }
 }
 
-/// The value of a parameter as it is now, to change it.
+/// The current value of a parameter, to be changed.
 pub(super) fn current<'a>(
     place: &Place,
     parameters: &Parameters,
@@ -67,7 +67,7 @@ pub(super) fn current<'a>(
         .or_insert_with(|| parameters.nominal(place).clone())
 }
 
-/// Replaces a parameter or an element.
+/// Replaces the value of a parameter or element.
 pub(super) fn put_whole(
     place: &Place,
     value: &ParameterValue,
@@ -83,7 +83,7 @@ pub(super) fn put_whole(
     match (now, value) {
         (P::BoolArray(v), P::Bool(x)) => v[element] = *x,
         (P::IntegerArray(v), P::Integer(x)) => v[element] = *x,
-        // A byte was checked to be one when the campaign was read.
+        // The range of a byte was checked when the campaign was read.
         (P::ByteArray(v), P::Integer(x)) => v[element] = u8::try_from(*x).unwrap_or(u8::MAX),
         (P::DoubleArray(v), P::Double(x)) => v[element] = *x,
         (P::StringArray(v), P::String(x)) => v[element].clone_from(x),
@@ -91,7 +91,7 @@ pub(super) fn put_whole(
     }
 }
 
-/// Changes a parameter or an element by numbers, one for each element of a whole list.
+/// Changes a parameter or element by drawn numbers, one per element for a whole list.
 pub(super) fn put_numbers(
     place: &Place,
     numbers: &[f64],
@@ -104,7 +104,7 @@ pub(super) fn put_numbers(
         Apply::Add => now + drawn,
         Apply::Scale => now * drawn,
     };
-    // Integers are below 2^53.
+    // Integers are below 2^53, so that conversions are exact.
     let whole = |now: i64, drawn: f64| combine(now as f64, drawn) as i64;
     match (current(place, parameters, changes), place.element) {
         (ParameterValue::Double(x), _) => *x = combine(*x, numbers[0]),
@@ -116,7 +116,7 @@ pub(super) fn put_numbers(
             v[element] = whole(v[element], numbers[0])
         }
         (ParameterValue::DoubleArray(v), None) => {
-            // Numbers that are added to an empty list are added to zeros.
+            // Numbers added to an empty list are added to zeros.
             v.resize(numbers.len(), 0.0);
             v.iter_mut()
                 .zip(numbers)

@@ -1,4 +1,4 @@
-//! A process that computes runs for another one: rows on stdout for numbers on stdin.
+//! Worker process: computes runs for another process, with run numbers on stdin and rows on stdout.
 
 use std::{
     ffi::{OsStr, OsString},
@@ -17,32 +17,32 @@ use serde::{Deserialize, Serialize};
 
 use super::{Campaign, CampaignError, Dataset, engine::POLL_PERIOD, row::Row};
 
-/// How long a process may take until it is ready \[s\]: an interpreter on a slow file system needs a while.
+/// Longest start of a process \[s\]: an interpreter on a slow file system needs a while.
 const LONGEST_START: f64 = 300.0;
 
-/// A line that a process writes.
+/// A line written by a worker process.
 #[derive(Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Reply {
-    /// It has loaded the campaign.
+    /// The campaign is loaded.
     Ready,
     Row(Box<Row>),
     Error(String),
 }
 
-/// What comes of waiting for a row.
+/// Result of waiting for a row.
 pub(super) enum Answer {
     Row(Box<Row>),
-    /// The process cannot go on.
+    /// The process has reported an error.
     Error(String),
     Late,
-    /// The process ended, or wrote something else.
+    /// The process has ended, or has written an invalid line.
     Ended,
-    /// A stop request came first.
+    /// A stop request has arrived first.
     Stopped,
 }
 
-/// What comes of waiting for a line.
+/// Result of waiting for a line.
 enum Line {
     Text(String),
     Late,
@@ -50,7 +50,7 @@ enum Line {
     Stopped,
 }
 
-/// A process that computes runs. It is killed when this is dropped.
+/// A worker process. It is killed when this is dropped.
 pub(super) struct WorkerProcess {
     child: Child,
     stdin: ChildStdin,
@@ -58,7 +58,7 @@ pub(super) struct WorkerProcess {
 }
 
 impl WorkerProcess {
-    /// Starts a process and waits until it is ready; nothing if `stop` is set meanwhile.
+    /// Starts a process and waits until it is ready; `None` on a stop request.
     ///
     /// # Errors
     /// [`CampaignError::Input`] if the command is empty, [`CampaignError::Runtime`] if the process does not become ready.
@@ -85,7 +85,7 @@ impl WorkerProcess {
             return Err(at("has no pipes".to_owned()));
         };
         let (sender, lines) = mpsc::channel();
-        // It ends with the process.
+        // The thread ends with the process.
         thread::spawn(move || {
             for line in BufReader::new(stdout).lines() {
                 let Ok(line) = line else { break };
@@ -116,7 +116,7 @@ impl WorkerProcess {
         }
     }
 
-    /// The row of a run, within `limit` \[s\].
+    /// Computes the row of a run, waiting at most `limit` \[s\].
     pub fn answer(&mut self, run: u64, limit: f64, stop: &AtomicBool) -> Answer {
         match self.ask(&[run]) {
             true => self.reply(limit, stop),
@@ -124,14 +124,14 @@ impl WorkerProcess {
         }
     }
 
-    /// Asks for runs; whether the process is there.
+    /// Requests runs. Returns whether the process accepted the request.
     pub fn ask(&mut self, runs: &[u64]) -> bool {
         let runs: Vec<_> = runs.iter().map(u64::to_string).collect();
         let asked = writeln!(self.stdin, "{}", runs.join(" "));
         asked.and_then(|()| self.stdin.flush()).is_ok()
     }
 
-    /// The row of the next run that was asked for, within `limit` \[s\].
+    /// Waits at most `limit` \[s\] for the row of the next requested run.
     pub fn reply(&self, limit: f64, stop: &AtomicBool) -> Answer {
         match self.line(limit, stop) {
             Line::Text(line) => match serde_json::from_str(&line) {
@@ -162,9 +162,9 @@ impl WorkerProcess {
         }
     }
 
-    /// Ends it; says how it had ended.
+    /// Waits for the end of the process, and returns its exit status as text.
     pub fn end(mut self) -> String {
-        // Stdout is closed a little before the end.
+        // Stdout is closed shortly before the process ends.
         for _ in 0..100 {
             if let Ok(Some(status)) = self.child.try_wait() {
                 return status.to_string();
@@ -177,17 +177,17 @@ impl WorkerProcess {
 
 impl Drop for WorkerProcess {
     fn drop(&mut self) {
-        // It may have ended already.
+        // Fails if the process has ended already.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-/// Writes `ready` to stdout, then computes the runs whose numbers come on stdin, those of a line together, and writes a row for
-/// each. Returns when stdin ends, also during a run: then whoever asked is gone.
+/// Writes `ready` to stdout, then reads run numbers from stdin; computes the runs of each line together, and writes a
+/// row for each. When stdin ends, even during a run, the process exits, since the requester is gone.
 ///
 /// # Errors
-/// [`CampaignError::Input`] if `folder` holds no campaign, [`CampaignError::Runtime`] if stdout cannot be written.
+/// [`CampaignError::Input`] if `folder` has no campaign, [`CampaignError::Runtime`] if stdout cannot be written.
 pub fn serve_worker(folder: &Path) -> Result<(), CampaignError> {
     let campaign = match Dataset::open(folder).and_then(|dataset| dataset.campaign()) {
         Ok(campaign) => campaign,
@@ -197,7 +197,7 @@ pub fn serve_worker(folder: &Path) -> Result<(), CampaignError> {
         }
     };
     write(&Reply::Ready)?;
-    // The message of a panic is in the row.
+    // The row contains the message of a panic.
     std::panic::set_hook(Box::new(|_| {}));
     let (sender, runs) = mpsc::channel();
     thread::spawn(move || {

@@ -7,23 +7,23 @@ use std::ops::Range;
 pub(super) struct Axis {
     range: Range<f64>,
     ticks: Vec<f64>,
-    /// Lines without labels between the ticks.
+    /// Positions of unlabelled grid lines between the ticks.
     minor: Vec<f64>,
     labels: Labels,
 }
 
-/// How ticks are labelled.
+/// Format of the tick labels.
 enum Labels {
-    /// Number of decimals that distinguishes the ticks.
+    /// As decimals, with as many digits as distinguish the ticks.
     Decimals(usize),
-    /// The position is a logarithm: as powers of ten.
+    /// As powers of ten; positions are logarithms.
     Powers,
-    /// The position is a logarithm: as decimal numbers.
+    /// As decimal numbers; positions are logarithms.
     Numbers,
 }
 
 impl Axis {
-    /// About `wanted` ticks, at round numbers.
+    /// A linear axis with about `wanted` ticks, at round numbers.
     pub fn linear(range: Range<f64>, wanted: usize) -> Self {
         let rough = (range.end - range.start) / wanted as f64;
         let power = 10f64.powf(rough.log10().floor());
@@ -37,7 +37,7 @@ impl Axis {
         Self::with_step(range, step)
     }
 
-    /// About `wanted` ticks at parts and multiples of a right angle, for angles in degrees.
+    /// An axis for angles in degrees, with about `wanted` ticks at fractions and multiples of a right angle.
     pub fn degrees(range: Range<f64>, wanted: usize) -> Self {
         const STEPS: [f64; 5] = [15.0, 30.0, 45.0, 90.0, 180.0];
         let rough = (range.end - range.start) / wanted as f64;
@@ -60,7 +60,7 @@ impl Axis {
         }
     }
 
-    /// At most about eight ticks, at powers of ten.
+    /// A logarithmic axis with at most about eight ticks, at powers of ten.
     pub fn logarithms(range: Range<f64>) -> Self {
         let (first, last) = (range.start.ceil() as i64, range.end.floor() as i64);
         let step = ((last - first) / 8 + 1) as usize;
@@ -72,8 +72,8 @@ impl Axis {
         }
     }
 
-    /// An axis of logarithms with ticks at powers of ten, labelled as numbers, and lines at their multiples. Over less
-    /// than two powers there are also ticks at 2 and 5 times them.
+    /// A logarithmic axis with ticks at powers of ten, labelled as numbers, and grid lines at their multiples. Below
+    /// two powers of ten there are also ticks at 2 and 5 times the powers.
     pub fn decades(range: Range<f64>) -> Self {
         let inside = |v: &f64| (range.start - 1e-9..=range.end + 1e-9).contains(v);
         let decades = (range.start.floor() as i64..=range.end.ceil() as i64).map(|i| i as f64);

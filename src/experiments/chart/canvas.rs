@@ -1,4 +1,4 @@
-//! SVG and PNG output, identical on every machine since the font is compiled in.
+//! SVG and PNG output; independent of the machine, since the font is compiled in.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -15,7 +15,7 @@ pub(super) const FONT: &str = "sans-serif";
 pub(super) const TEXT: RGBColor = RGBColor(38, 38, 38);
 pub(super) const FAINT: RGBColor = RGBColor(110, 110, 110);
 
-/// How lines are drawn.
+/// Drawing parameters of lines.
 #[derive(Clone, Copy)]
 pub(super) struct Pen {
     /// Pixels per unit of length.
@@ -35,12 +35,12 @@ impl Pen {
     };
 }
 
-/// A drawing for any backend.
+/// A drawing that works with any backend.
 pub(super) trait Drawing {
     /// Width and height in units of length.
     fn size(&self) -> (u32, u32);
 
-    /// Draws it on a white area of that size times the pen's scale.
+    /// Draws on a white area of its size times the pen's scale.
     fn draw<B: DrawingBackend>(
         &self,
         area: &DrawingArea<B, Shift>,

@@ -1,10 +1,10 @@
-//! Curves cut at the edges of a plot.
+//! Clipping of curves at the edges of a plot.
 
 use std::ops::Range;
 
 type Point = (f64, f64);
 
-/// The pieces of a curve inside of a rectangle; a non-finite point interrupts the curve.
+/// The parts of a curve inside a rectangle; a non-finite point interrupts the curve.
 pub(super) fn clipped(points: &[Point], x: &Range<f64>, y: &Range<f64>) -> Vec<Vec<Point>> {
     let mut pieces: Vec<Vec<Point>> = Vec::new();
     let mut open = false;
@@ -17,7 +17,7 @@ pub(super) fn clipped(points: &[Point], x: &Range<f64>, y: &Range<f64>) -> Vec<V
             Some(piece) if open => piece.push(b),
             _ => pieces.push(vec![a, b]),
         }
-        // The next piece continues this one unless the curve left here.
+        // The next part continues this one unless the curve has left the rectangle here.
         open = b == pair[1];
     }
     pieces

@@ -1,18 +1,19 @@
-//! Dashes for curves that cover earlier ones, so that both remain visible.
+//! Dashing of curves that cover earlier ones, so that both remain visible.
 
-/// Dash and gap \[units of length\] of a curve that covers a solid one, one with the first pattern, and so on.
+/// Dash and gap \[units of length\]: first pattern for a curve that covers a solid one, next for one that covers the
+/// first, ...
 const PATTERNS: [(f64, f64); 3] = [(10.0, 7.0), (5.0, 6.0), (2.0, 5.0)];
-/// Two curves closer than this cover each other \[units of length\].
+/// Two curves cover each other where they are closer than this \[units of length\].
 const CLOSE: f64 = 2.0;
-/// A curve covers another if so much of it is close to the other.
+/// A curve covers another one if at least this fraction of it is close to the other.
 const COVERED: f64 = 0.15;
-/// Points of a curve that are compared.
+/// Number of points of a curve that are compared.
 const COMPARED: usize = 150;
 
 type Point = (f64, f64);
 
-/// Dash and gap of each curve, in units of length like the points; `None` for a solid line. A curve has shorter dashes than
-/// all that it covers.
+/// Dash and gap of each curve, in the units of the points; `None` for a solid line. A curve has shorter dashes than all
+/// curves that it covers.
 pub(super) fn patterns(curves: &[Vec<Point>]) -> Vec<Option<(f64, f64)>> {
     let mut levels: Vec<usize> = Vec::new();
     for (i, curve) in curves.iter().enumerate() {
@@ -122,7 +123,7 @@ mod tests {
 
     #[test]
     fn curves_on_each_other_have_different_dashes() {
-        // The third covers the second only, which is dashed itself.
+        // The third curve covers only the second, which is dashed itself.
         let mut second = wave(0.0);
         second.extend(wave(60.0).into_iter().map(|(x, y)| (x + 800.0, y)));
         let third: Vec<_> = second[800..].to_vec();

@@ -1,4 +1,4 @@
-//! Legends next to plots, where they cover nothing.
+//! Legends, placed next to plots so that they cover nothing.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -7,16 +7,16 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::canvas::{FAINT, FONT, TEXT};
 use super::{DOT, Mark, dashes, line};
 
-/// How a curve is drawn, in the legend.
+/// Sign of a curve in the legend.
 #[derive(Clone, Copy)]
 pub(super) enum Sign {
-    /// With dash and gap, or solid.
+    /// A line with dash and gap, or a solid line.
     Line(Option<(f64, f64)>),
     Dot,
     Mark(Mark),
 }
 
-/// Labels of curves and limits next to a plot, where they cover nothing.
+/// Draws labels of curves and limits next to a plot.
 pub(super) fn draw_legend<'a, B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     scale: u32,

@@ -1,4 +1,4 @@
-//! Colour maps: a colour for each cell of a grid, several grids side by side with a common scale.
+//! Colour maps: a coloured cell for each point of a grid; several maps side by side with a common scale.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -17,9 +17,9 @@ pub struct MapFigure {
     pub x_label: String,
     /// Quantity and unit of the vertical axis.
     pub y_label: String,
-    /// Columns, from left to right.
+    /// Coordinates of the columns, from left to right.
     pub x: Vec<f64>,
-    /// Rows, from the bottom up.
+    /// Coordinates of the rows, from the bottom up.
     pub y: Vec<f64>,
     /// Meaning of the colours.
     pub scale: MapScale,
@@ -32,12 +32,12 @@ pub struct MapFigure {
 pub struct MapPanel {
     /// Title.
     pub title: String,
-    /// All rows of the first column from the bottom up, then of the next. Non-finite values, and on a logarithmic scale
-    /// non-positive ones, are drawn as grey cells with a stroke: no value. For classes, their numbers.
+    /// Values column by column, each column from the bottom up. Cells without a value (non-finite, or non-positive on a
+    /// logarithmic scale) are grey with a stroke. For classes, their numbers.
     pub values: Vec<f64>,
     /// Cells marked with a cross: indices in `values`.
     pub crosses: Vec<usize>,
-    /// Columns and rows of this map, if they differ from the figure's: a coarser grid over the same area.
+    /// Coordinates of columns and rows, if they differ from the figure's: a coarser grid over the same area.
     pub grid: Option<(Vec<f64>, Vec<f64>)>,
 }
 
@@ -46,9 +46,9 @@ pub struct MapPanel {
 pub enum MapScale {
     /// A quantity with its unit, on a linear colour bar.
     Linear(String),
-    /// A quantity with its unit, on a logarithmic colour bar. It spans the powers of ten that contain nine tenths of the
-    /// values of each map, so that a few outliers do not compress the colours of the rest; outliers have the colour of
-    /// the end, which is then marked.
+    /// A quantity with its unit, on a logarithmic colour bar. It spans the powers of ten that contain nine tenths of
+    /// the values of each map, so that a few outliers do not compress the colours of the rest; outliers get the colour
+    /// of the bar's end, which is then marked.
     Logarithms(String),
     /// Names of the classes 0, 1, ...
     Classes(Vec<String>),
@@ -62,7 +62,7 @@ const MAP_WIDTH: i32 = 350;
 const MAP_HEIGHT: i32 = 420;
 const BOTTOM: i32 = 62;
 const PANEL_HEIGHT: i32 = TOP + MAP_HEIGHT + BOTTOM;
-/// Maps side by side.
+/// Number of maps side by side.
 const COLUMNS: usize = 3;
 const EMPTY: RGBColor = RGBColor(222, 222, 222);
 /// Largest number of powers of ten on a colour bar.
@@ -81,7 +81,7 @@ impl MapFigure {
         canvas::save(self, stem)
     }
 
-    /// Position of a value on the colour bar; not finite without a value.
+    /// Position of a value on the colour bar; not finite if there is no value.
     fn level(&self, value: f64) -> f64 {
         match self.scale {
             MapScale::Logarithms(_) if value > 0.0 => value.log10(),
@@ -113,7 +113,7 @@ impl MapFigure {
         }
     }
 
-    /// The levels that contain most values of a map.
+    /// Range of levels that contains most values of a map.
     fn bulk(&self, panel: &MapPanel) -> Option<(f64, f64)> {
         let levels = panel.values.iter().map(|v| self.level(*v));
         let mut levels: Vec<_> = levels.filter(|l| l.is_finite()).collect();
@@ -135,7 +135,7 @@ impl MapFigure {
     }
 }
 
-/// An area addressed in units of length.
+/// A drawing area addressed in units of length.
 struct Sheet<'a, B: DrawingBackend> {
     area: &'a DrawingArea<B, Shift>,
     scale: i32,
@@ -284,7 +284,8 @@ impl MapFigure {
     }
 }
 
-/// The colour bar: logarithmic if the `extremes` of the values are given, which may lie beyond its ends.
+/// Draws the colour bar: logarithmic if `extremes` are given, the range of the values, which may exceed that of the
+/// bar.
 fn draw_bar<B: DrawingBackend>(
     sheet: &Sheet<'_, B>,
     label: &str,
@@ -320,7 +321,8 @@ fn draw_bar<B: DrawingBackend>(
     sheet.text(label, (88.0, top + 0.5 * height), 16, centre, true)
 }
 
-/// Labels and their places, counted in cells: all values of a few, round numbers of many that are equally spaced.
+/// Labels and their positions in units of cells: all values if there are few; round numbers for many equally spaced
+/// values.
 fn labels(values: &[f64]) -> Vec<(f64, String)> {
     let step = values.len().div_ceil(LABELS).max(1);
     let plain = |(i, v): (usize, &f64)| {

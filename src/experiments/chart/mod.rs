@@ -32,7 +32,7 @@ pub struct Figure {
     pub title: String,
     /// Quantity and unit of the horizontal axis.
     pub x_label: String,
-    /// Logarithmic horizontal axis; points at non-positive places are omitted.
+    /// Whether the horizontal axis is logarithmic; points with non-positive x are omitted.
     pub log_x: bool,
     /// Panels, from top to bottom.
     pub panels: Vec<Panel>,
@@ -45,15 +45,15 @@ pub struct Panel {
     pub y_label: String,
     /// Curves.
     pub series: Vec<Series>,
-    /// Logarithmic vertical axis; non-positive values are omitted.
+    /// Whether the vertical axis is logarithmic; non-positive values are omitted.
     pub log: bool,
-    /// Angles in degrees: ticks at parts and multiples of a right angle.
+    /// Whether values are angles in degrees: ticks are then at fractions and multiples of a right angle.
     pub degrees: bool,
-    /// Ends of the vertical axis, beyond which curves are cut; by default they contain all values.
+    /// Range of the vertical axis, outside of which curves are clipped; by default it contains all values.
     pub limits: Option<(f64, f64)>,
-    /// Horizontal lines with labels: limits.
+    /// Labelled horizontal lines, such as limits.
     pub marks: Vec<(f64, String)>,
-    /// Single values: published ones, and those of categories, which no line joins.
+    /// Single values without joining lines, such as published values or categories.
     pub dots: Vec<Dots>,
 }
 
@@ -64,7 +64,7 @@ pub struct Dots {
     pub name: String,
     /// Points; non-finite ones are omitted.
     pub points: Vec<(f64, f64)>,
-    /// Standard deviation of each point's y, drawn as a bar up and down; empty for none.
+    /// Standard deviations of y, drawn as error bars; empty for none.
     pub deviations: Vec<f64>,
 }
 
@@ -84,7 +84,7 @@ const LEGEND_WIDTH: u32 = 190;
 /// Radius of a dot.
 const DOT: u32 = 4;
 const GRID: RGBColor = RGBColor(226, 226, 226);
-/// Lines of the grid between the ticks.
+/// Colour of grid lines between the ticks.
 const FINE_GRID: RGBColor = RGBColor(243, 243, 243);
 
 /// Okabe and Ito's palette, which colour-blind readers can distinguish, without yellow, which is hardly visible on white.
@@ -99,7 +99,7 @@ const COLOURS: [RGBColor; 7] = [
 ];
 
 impl Figure {
-    /// Over time in seconds, of the panels that have a curve; `None` if none has.
+    /// A figure over time in seconds, of the panels that have a curve; `None` if none has.
     pub fn over_time(title: &str, panels: Vec<Panel>) -> Option<Self> {
         let panels: Vec<_> = panels
             .into_iter()
@@ -113,7 +113,7 @@ impl Figure {
         })
     }
 
-    /// Draws the figure to `stem.svg` and `stem.png`; returns both paths.
+    /// Draws the figure to `stem.svg` and `stem.png`. Returns both paths.
     ///
     /// # Errors
     /// [`ChartError`] if a file cannot be written.
@@ -130,7 +130,7 @@ impl Figure {
         let places = points.map(|p| if self.log_x { p.0.log10() } else { p.0 });
         let (low, high) = bounds(places).unwrap_or((0.0, 1.0));
         if !is_lines && low < high {
-            // Room for dots at the ends.
+            // Room for dots at both ends.
             low - 0.35..high + 0.35
         } else if low < high {
             low..high
@@ -169,7 +169,7 @@ impl Drawing for Figure {
     }
 }
 
-/// Draws a figure's title; returns the remaining area.
+/// Draws a figure's title. Returns the remaining area.
 fn draw_title<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     pen: Pen,
@@ -336,7 +336,7 @@ impl Panel {
 }
 
 impl Dots {
-    /// Lowest and highest value, with the bars.
+    /// All values, including the ends of the error bars.
     fn extent(&self) -> impl Iterator<Item = f64> {
         let deviation = |k: usize| self.deviations.get(k).copied().unwrap_or(0.0);
         let points = self.points.iter().enumerate();
@@ -355,7 +355,7 @@ fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     })
 }
 
-/// Reduces a curve to a few thousand points: the extremes within many narrow columns, so that no peak is lost.
+/// Reduces a curve to a few thousand points: the extremes in each of many narrow columns, so that peaks are kept.
 fn thinned(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     const COLUMNS: usize = 1500;
     if points.len() <= 4 * COLUMNS {
@@ -431,7 +431,7 @@ mod tests {
         };
         let [svg, png] = figure.save(&dir.path().join("picture")).unwrap();
         let svg = std::fs::read_to_string(svg).unwrap();
-        // Letters and ticks are drawn, so the font was found.
+        // Letters and ticks are drawn, which means that the font was found.
         for text in [
             "All kinds",
             "time [s]",

@@ -11,7 +11,7 @@ use super::{
     draw_legend, draw_title, line,
 };
 
-/// A figure of curves and single points in a plane, to the same scale along both axes unless it is stretched.
+/// A figure of curves and single points in a plane; both axes have the same scale unless `stretched`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PlaneFigure {
     /// Title.
@@ -20,13 +20,13 @@ pub struct PlaneFigure {
     pub x_label: String,
     /// Quantity and unit of the vertical axis.
     pub y_label: String,
-    /// Curves, whose points are joined in their order; a non-finite point interrupts its curve.
+    /// Curves; points are joined in their order, and a non-finite point interrupts the curve.
     pub series: Vec<Series>,
     /// Single points.
     pub marks: Vec<Marks>,
     /// Whether each axis has its own scale.
     pub stretched: bool,
-    /// Ends of both axes, beyond which nothing is drawn; by default they contain everything.
+    /// Ranges of both axes, outside of which nothing is drawn; by default they contain everything.
     pub view: Option<[(f64, f64); 2]>,
 }
 
@@ -53,7 +53,7 @@ pub enum Mark {
 }
 
 impl Mark {
-    /// Its lines about the point, which reach `size` pixels far.
+    /// Lines of the sign about its point, up to `size` pixels long.
     pub(super) fn strokes(self, size: u32) -> Vec<std::vec::IntoIter<(i32, i32)>> {
         let r = size as i32;
         let strokes = match self {
@@ -113,7 +113,7 @@ impl PlaneFigure {
 
 impl Drawing for PlaneFigure {
     fn size(&self) -> (u32, u32) {
-        // The labels next to the plot are 26 wider than those below.
+        // The labels next to the plot need 26 more than those below it.
         (SIDE + 26 + LEGEND_WIDTH, TITLE_HEIGHT + SIDE)
     }
 
@@ -155,7 +155,7 @@ impl Drawing for PlaneFigure {
         let curves: Vec<Vec<_>> = (self.series.iter())
             .map(|series| match self.view {
                 None => series.points.clone(),
-                // Cut pieces with interruptions between them.
+                // Clipped parts, separated by interruptions.
                 Some(_) => (clip::clipped(&series.points, &x, &y).into_iter())
                     .flat_map(|piece| piece.into_iter().chain([(f64::NAN, f64::NAN)]))
                     .collect(),

@@ -1,4 +1,4 @@
-//! Shapes of structures: the undeformed structure and its deformed shape, one small drawing for each mode.
+//! Shapes of structures: undeformed and deformed, with a small drawing for each mode.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -8,12 +8,12 @@ use std::path::{Path, PathBuf};
 use super::canvas::{self, Drawing, FONT, Pen, TEXT};
 use super::{COLOURS, ChartError, TITLE_HEIGHT, bounds, draw_title};
 
-/// Drawings of shapes to the same scale, side by side.
+/// Drawings of shapes side by side, with a common scale.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ShapeFigure {
     /// Title.
     pub title: String,
-    /// Drawings in a row.
+    /// Number of drawings per row.
     pub columns: usize,
     /// The drawings, from left to right and from top to bottom.
     pub panels: Vec<ShapePanel>,
@@ -22,7 +22,7 @@ pub struct ShapeFigure {
 /// One drawing.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ShapePanel {
-    /// What stands above it.
+    /// Title above the drawing.
     pub title: String,
     /// The undeformed structure: lines.
     pub reference: Vec<Vec<(f64, f64)>>,
@@ -30,7 +30,7 @@ pub struct ShapePanel {
     pub shape: Vec<Vec<(f64, f64)>>,
     /// Points with dots.
     pub nodes: Vec<(f64, f64)>,
-    /// Directions drawn as arrows: where, and a vector of length 1.
+    /// Arrows: position and direction, a vector of length 1.
     pub arrows: Vec<[(f64, f64); 2]>,
 }
 
@@ -72,7 +72,7 @@ impl ShapeFigure {
         let [x, y] = self.extent();
         let width = f64::from(WIDTH / self.columns()) - 2.0 * MARGIN;
         let span = |(low, high): (f64, f64)| (high - low).max(1e-300);
-        // Not higher than wide.
+        // A drawing is at most as high as it is wide.
         let unit = (width / span(x)).min(width / span(y));
         let height = (y.1 - y.0) * unit + 2.0 * MARGIN;
         (unit, height.ceil().clamp(60.0, 500.0) as u32 + CAPTION)

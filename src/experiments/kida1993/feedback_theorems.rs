@@ -1,4 +1,4 @@
-//! Lemmas 4.2 and 4.4 and Theorems 4.1 to 4.3: direct feedback where the actuators are, ideal or by a proof mass.
+//! Lemmas 4.2 and 4.4 and Theorems 4.1 to 4.3: direct feedback at collocated actuators, ideal or proof-mass.
 
 use fuyu_lti::{
     LtiError, Matrix, ProofMass, Structure, TransferFunction, positive_real, spectral_abscissa,
@@ -28,7 +28,7 @@ fn count(result: &mut (usize, usize), is_bad: bool) {
     result.1 += usize::from(is_bad);
 }
 
-/// A structure with `n` coordinates, of which `rigid` combinations are free.
+/// A structure with `n` coordinates and `rigid` rigid-body modes.
 fn structure(
     random: &mut Random,
     n: usize,
@@ -107,16 +107,16 @@ pub fn direct_feedback(number: usize) -> Result<DirectFeedback, LtiError> {
 /// Results of random proof-mass actuators.
 #[derive(Debug, Clone, Default)]
 pub struct ProofMasses {
-    /// Theorem 4.3, one undamped mode: loops that it calls stable, and those of them that are unstable.
+    /// Theorem 4.3, one undamped mode: number of loops that it calls stable, and how many of them are unstable.
     pub stable: (usize, usize),
-    /// Theorem 4.3: loops that it calls unstable, and those of them that are stable.
+    /// Theorem 4.3: number of loops that it calls unstable, and how many of them are stable.
     pub unstable: (usize, usize),
-    /// Theorem 4.2, three modes: loops that satisfy it, and those of them that are unstable.
+    /// Theorem 4.2, three modes: number of loops that satisfy it, and how many of them are unstable.
     pub sufficient: (usize, usize),
-    /// Without feedback: loops, and unstable ones.
+    /// Without feedback: number of loops, and how many are unstable.
     pub passive: (usize, usize),
-    /// For each loop the distance from the limit of Theorem 4.3, `(1 + μ) / ((r (1 + μ) + 1) ν² μ)`, above 1 where it
-    /// is stable, and the largest real part of its poles over the mode's frequency.
+    /// For each loop: margin to the limit of Theorem 4.3, `(1 + μ) / ((r (1 + μ) + 1) ν² μ)`, above 1 for a stable
+    /// loop; and the largest real part of its poles over the mode's frequency.
     pub margins: Vec<(f64, f64)>,
 }
 
@@ -143,7 +143,7 @@ pub fn proof_masses(number: usize) -> Result<ProofMasses, LtiError> {
         let undamped = Structure::modal(&[sigma], &[0.0], &shape)?;
         let ratios = actuator.ratios(sigma, phi, d);
         let abscissa = spectral_abscissa(&actuator.closed_loop(&undamped, d)?.a)?;
-        // Loops at the limit itself have no verdict.
+        // Loops on the limit have no verdict.
         if abscissa.abs() > 1e-9 * sigma {
             match ratios.is_stable() {
                 true => count(&mut all.stable, abscissa > 0.0),

@@ -1,4 +1,4 @@
-//! Random structures, the same in every run.
+//! Pseudo-random structures, the same in every run.
 
 use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -11,27 +11,27 @@ impl Random {
         Self(StdRng::seed_from_u64(seed))
     }
 
-    /// Between two limits.
+    /// A number between two limits.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         self.0.random_range(low..high)
     }
 
-    /// Between two positive limits, on a logarithmic scale.
+    /// A number between two positive limits, uniform on a logarithmic scale.
     pub fn on_log_scale(&mut self, low: f64, high: f64) -> f64 {
         self.between(low.ln(), high.ln()).exp()
     }
 
-    /// From `least` to `most`.
+    /// An integer from `least` to `most`.
     pub fn count(&mut self, least: usize, most: usize) -> usize {
         self.0.random_range(least..=most)
     }
 
-    /// Entries between -1 and 1.
+    /// A matrix with entries between -1 and 1.
     pub fn matrix(&mut self, rows: usize, columns: usize) -> DMatrix<f64> {
         DMatrix::from_fn(rows, columns, |_, _| self.between(-1.0, 1.0))
     }
 
-    /// Symmetric, with eigenvalues from `least` on.
+    /// A symmetric matrix with eigenvalues of at least `least`.
     pub fn definite(&mut self, n: usize, least: f64) -> DMatrix<f64> {
         let A = self.matrix(n, n);
         (&A * A.transpose()).symmetric_part() + DMatrix::identity(n, n) * least

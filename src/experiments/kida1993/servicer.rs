@@ -23,19 +23,19 @@ pub const GAINS: (f64, f64) = (60.0, 900.0);
 /// Axial inertia of each wheel \[kg m²\].
 const WHEEL_INERTIA: f64 = 0.2;
 
-/// Why the model cannot be built; does not occur with these data.
+/// Reason why the model cannot be built; does not occur with these data.
 #[derive(Debug, thiserror::Error)]
 pub enum ServicerError {
-    /// The robot.
+    /// Invalid robot description.
     #[error(transparent)]
     Urdf(#[from] UrdfError),
-    /// The panels.
+    /// Invalid panel structure.
     #[error(transparent)]
     Structure(#[from] StructureError),
-    /// The robot with panels and wheels.
+    /// Invalid combination of robot, panels and wheels.
     #[error(transparent)]
     Flexible(#[from] FlexibleError),
-    /// The linear systems.
+    /// Error of the linear systems.
     #[error(transparent)]
     Lti(#[from] LtiError),
 }
@@ -60,11 +60,11 @@ pub struct Servicer {
 
 /// The servicer with the joints locked in a posture.
 pub struct Posture {
-    /// Six forces and torques on the base, wheels locked; coordinates: base, then modes.
+    /// Inputs: six forces and torques on the base, wheels locked. Coordinates: base, then modes.
     pub free: Structure,
-    /// Three torques on the base, wheels locked, translation eliminated.
+    /// Inputs: three torques on the base, wheels locked. Translation is eliminated.
     pub attitude: Structure,
-    /// The same under the torques of wheels, which turn freely under their motors.
+    /// As [`Self::attitude`], but with the torques of wheels as inputs; wheels turn freely under their motors.
     pub under_wheels: Structure,
     /// Undamped frequencies with the base free \[Hz\].
     pub frequencies_hz: Vec<f64>,
@@ -119,7 +119,7 @@ impl Servicer {
             stiffness.clone(),
             inputs.clone(),
         )?;
-        // Wheels without torque keep their speed: their acceleration is eliminated.
+        // Wheels without torque keep their speed, so that their acceleration can be eliminated.
         let wheels: Vec<usize> = linear.wheels().collect();
         let coupling = linear.mass.select_rows(&kept).select_columns(&wheels);
         let own = LinearModel::part(&linear.mass, &wheels).diagonal();

@@ -13,26 +13,26 @@ use super::random::Random;
 /// Results of the theorems on random structures.
 #[derive(Debug, Clone, Default)]
 pub struct ShapingTheorems {
-    /// Theorem 3.1: how often the extended system lost controllability or observability.
+    /// Theorem 3.1: number of extended systems that lost controllability or observability.
     pub lost: usize,
-    /// Theorem 3.2: how often the filter that the feedback realises is unstable.
+    /// Theorem 3.2: number of unstable filters realised by the feedback.
     pub unstable_filters: usize,
-    /// Theorem 3.3: how often its cut-off is not higher, or its damping ratio not nearer to `1/√2`.
+    /// Theorem 3.3: number of filters whose cut-off is not higher, or whose damping ratio is not closer to `1/√2`.
     pub filters_not_better: usize,
     /// Cut-off \[rad/s\] and damping ratio of each filter, as weighted and as realised.
     pub filters: Vec<[(f64, f64); 2]>,
-    /// Theorem 3.4(a): least power of the frequency with which a loop falls at high frequency.
+    /// Theorem 3.4(a): smallest slope of a loop at high frequency, as a power of the frequency.
     pub least_slope: f64,
     /// Theorem 3.4(b): least `|1 + l| |1 + k_o (jω - A_o)⁻¹ b_o|`, at least 1.
     pub least_return_difference: f64,
-    /// Theorem 3.5: largest distance of a pole of plant and compensator from those of regulator and observer, relative
-    /// to the fastest pole.
+    /// Theorem 3.5: largest distance of a pole of plant and compensator from the poles of regulator and observer,
+    /// relative to the fastest pole.
     pub separation: f64,
-    /// Theorem 3.5: how often that loop is unstable.
+    /// Theorem 3.5: number of unstable loops.
     pub unstable_loops: usize,
 }
 
-/// A structure with one rigid and some lightly damped modes, actuator and sensor collocated, and the weights of a
+/// A structure with one rigid and some lightly damped modes, collocated actuator and sensor, and the weights of a
 /// regulator.
 struct Case {
     plant: StateSpace,
@@ -152,8 +152,8 @@ fn largest(poles: &[Complex<f64>]) -> f64 {
     poles.iter().map(|p| p.norm()).fold(0.0, f64::max)
 }
 
-/// Largest distance after pairing each value of `b` with the nearest free one of `a`; infinite for different numbers of
-/// them.
+/// Largest distance after pairing each value of `b` with the nearest unpaired value of `a`; infinite if their numbers
+/// differ.
 fn matched(a: &[Complex<f64>], b: &[Complex<f64>]) -> f64 {
     if a.len() != b.len() {
         return f64::INFINITY;
@@ -169,10 +169,10 @@ fn matched(a: &[Complex<f64>], b: &[Complex<f64>]) -> f64 {
     })
 }
 
-/// Theorem 3.6 on the air table with two modes and the weights of design 4: largest distance of the loop with observer
-/// from that of the state feedback below 30 rad/s, relative to the latter, for each noise μ of the observer.
-/// `collocated` false moves the sensor to where the first vibration has the opposite sign, which gives a zero in the
-/// right half-plane.
+/// Theorem 3.6 on the air table with two modes and the weights of design 4: for each observer noise μ, the largest
+/// distance below 30 rad/s of the loop with observer from the state-feedback loop, relative to the latter. With
+/// `collocated` false, the sensor is where the first vibration has the opposite sign, which gives a zero in the right
+/// half-plane.
 ///
 /// # Errors
 /// Numerical failure, which does not occur with these data.

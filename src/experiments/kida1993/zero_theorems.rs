@@ -1,5 +1,5 @@
-//! Theorems 2.1 to 2.6: transmission zeros of structures from a symmetric eigenvalue problem of the modes, compared with a
-//! solver for general linear systems.
+//! Theorems 2.1 to 2.6: transmission zeros of structures from a symmetric eigenvalue problem of the modes, compared
+//! with those of a solver for general linear systems.
 
 use fuyu_lti::{LtiError, StateSpace, Structure};
 use fuyu_structures::{FemModel, HybridModel, Matrices, StructureError, generalized_eigen};
@@ -12,10 +12,10 @@ use super::random::Random;
 pub struct Checked {
     /// Its name.
     pub theorem: &'static str,
-    /// For each structure the largest difference of a zero or pole from the general solver's, relative to its size;
-    /// infinite if there are more or fewer of them.
+    /// For each structure: largest relative difference of a zero or pole from the general solver's; infinite if their
+    /// numbers differ.
     pub errors: Vec<f64>,
-    /// On how many structures a zero was in the right half-plane.
+    /// Number of structures with a zero in the right half-plane.
     pub not_minimum_phase: usize,
 }
 
@@ -39,18 +39,18 @@ impl Checked {
     }
 }
 
-/// Why a check could not be made; does not occur with the structures below.
+/// Reason why a check could not be made; does not occur with the structures below.
 #[derive(Debug, thiserror::Error)]
 pub enum TheoremError {
-    /// The library of structures.
+    /// Error of the structures library.
     #[error(transparent)]
     Structure(#[from] StructureError),
-    /// The library of linear systems.
+    /// Error of the linear systems library.
     #[error(transparent)]
     Lti(#[from] LtiError),
 }
 
-/// Each found root is paired with the nearest expected one that is left.
+/// Largest relative difference after pairing each found root with the nearest unpaired expected one.
 fn largest_difference(found: &[Complex<f64>], expected: &[Complex<f64>]) -> f64 {
     if found.len() != expected.len() {
         return f64::INFINITY;
@@ -69,7 +69,7 @@ fn largest_difference(found: &[Complex<f64>], expected: &[Complex<f64>]) -> f64 
     largest
 }
 
-/// `M q'' + C q' + K q = L u`, `y = H q`.
+/// The system `M q'' + C q' + K q = L u`, `y = H q`.
 fn system(
     [M, C, K]: [DMatrix<f64>; 3],
     L: DMatrix<f64>,
@@ -106,7 +106,8 @@ pub fn uniform(count: usize) -> Result<[Checked; 2], TheoremError> {
     Ok(checked)
 }
 
-/// A rigid part with r coordinates and n modes. N^c must be positive definite: J includes the flexible parts.
+/// A random rigid part with r coordinates, and n modes. N^c must be positive definite, since J includes the flexible
+/// parts.
 fn hybrid(random: &mut Random) -> Result<(HybridModel, usize, usize), StructureError> {
     let (r, n) = (random.count(1, 3), random.count(1, 5));
     let P = random.matrix(n, r);
@@ -126,8 +127,8 @@ fn joined(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
     whole
 }
 
-/// Theorems 2.3(a), 2.4(a) (poles) and 2.3(b), 2.4(b) (zeros) on `count` random hybrid models; last, 2.4(b) with the
-/// diagonal of the modal damping only, as the book writes it.
+/// Theorems 2.3(a), 2.4(a) (poles) and 2.3(b), 2.4(b) (zeros) on `count` random hybrid models; finally 2.4(b) with only
+/// the diagonal of the modal damping, as in the book.
 ///
 /// # Errors
 /// Numerical failure.
@@ -145,7 +146,7 @@ pub fn collocated(count: usize) -> Result<[Checked; 5], TheoremError> {
         let (model, r, n) = hybrid(&mut random)?;
         let rigid = joined(&DMatrix::identity(r, r), &DMatrix::zeros(r, n));
         let whole = system(model.matrices(), rigid.transpose(), &rigid)?;
-        // 2 r poles more are zero.
+        // Another 2 r poles are zero.
         let mut poles = whole.poles()?;
         poles.sort_by(|a, b| b.norm().total_cmp(&a.norm()));
         poles.truncate(2 * n);

@@ -1,4 +1,4 @@
-//! One motion under one condition: the chosen model and the errors of the estimate. Masutani 1995 sec. 3.5.
+//! One motion under one condition: chosen model, and errors of the estimate. Masutani 1995 sec. 3.5.
 
 use super::{Condition, HORIZON, INTERVAL, INTERVALS, rates};
 use crate::estimation::evaluation::{PredictionError, parameter_error, prediction_error};
@@ -14,7 +14,7 @@ const SAMPLES: u32 = 101;
 pub struct Cell {
     /// The chosen model; `None` if the data allow no choice.
     pub model: Option<MotionModel>,
-    /// Errors of the estimate, or why there is none.
+    /// Errors of the estimate, or the reason for its failure.
     pub result: Result<CellErrors, MasutaniError>,
 }
 
@@ -27,8 +27,8 @@ pub struct CellErrors {
     pub prediction: PredictionError,
 }
 
-/// The algorithm's options in chapter 3, which does not use the aperiodic model. Without unwrapping to a line, the largest
-/// errors that the chapter reports are not reproduced.
+/// The algorithm's options in chapter 3, which does not use the aperiodic model. The largest errors reported in the
+/// chapter are reproduced only with unwrapping to a line.
 pub fn options() -> Options {
     Options {
         aperiodic: false,

@@ -1,4 +1,4 @@
-//! The motions of Masutani 1995 chapter 3, by three numbers: sec. 3.4.
+//! The tumbling motions of Masutani 1995 chapter 3, described by isotropy, symmetry and momentum: sec. 3.4.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -7,11 +7,11 @@ use crate::estimation::free_body::{FreeRotation, FreeRotationError};
 /// A tumbling motion, by isotropy, symmetry and momentum.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TumblingMotion {
-    /// Isotropy `e = I_z / I_x`, the least moment over the largest, (3.2).
+    /// Isotropy `e = I_z / I_x`, the smallest moment over the largest, (3.2).
     pub e: f64,
-    /// Symmetry `s` in [-1, 1]: where the middle moment lies between them, (3.3).
+    /// Symmetry `s` in [-1, 1]: position of the middle moment between the smallest and the largest, (3.3).
     pub s: f64,
-    /// Momentum `s_alpha` in [-1, 1]: where `L² / 2E` lies between the least and the largest moment, (3.9).
+    /// Momentum `s_alpha` in [-1, 1]: position of `L² / 2E` between the smallest and the largest moment, (3.9).
     pub s_alpha: f64,
     /// Largest `|w|²` \[rad²/s²\].
     pub beta: f64,
@@ -22,7 +22,7 @@ pub const ISOTROPIES: usize = 14;
 /// Values of `s_alpha` in the grid: -1.0 to 1.0 in steps of 0.1.
 pub const MOMENTA: usize = 21;
 
-/// The grid of sec. 3.6: all `s_alpha` of the first `e`, then of the next; `s = 0`, least symmetric.
+/// The grid of sec. 3.6: all `s_alpha` of the first `e`, then of the next; `s = 0`, the least symmetric value.
 pub fn grid(beta: f64) -> Vec<TumblingMotion> {
     let cells = (0..ISOTROPIES).flat_map(|e| (0..MOMENTA).map(move |s| (e, s)));
     cells

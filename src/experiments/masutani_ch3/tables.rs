@@ -1,4 +1,4 @@
-//! The tables of Masutani 1995 chapter 3: which model the thesis chose for each motion of its grid.
+//! The tables of Masutani 1995 chapter 3: the model that the thesis chose for each motion of its grid.
 
 use super::{ISOTROPIES, MOMENTA};
 use crate::estimation::MotionModel;
@@ -24,7 +24,7 @@ impl ModelTable {
         }
     }
 
-    /// Number of cells of `models` (the order of [`super::grid`]) are as printed.
+    /// Number of cells in which `models` (in the order of [`super::grid`]) agree with the printed table.
     pub fn agreement(&self, models: &[Option<MotionModel>]) -> usize {
         let cells = (0..ISOTROPIES).flat_map(|e| (0..MOMENTA).map(move |s| (e, s)));
         cells

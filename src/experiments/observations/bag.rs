@@ -1,5 +1,5 @@
-//! Observations from a bag: `camera/features`, or features tracked in its images, with the camera's calibration, the base's gyro with the mounting of
-//! the camera, and clouds of points.
+//! Observations from a bag: `camera/features`, or features tracked in its images; the camera's calibration; the base's
+//! gyro and the mounting of the camera; point clouds.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -115,27 +115,27 @@ struct Recorded {
     camera_frame: String,
     camera: Option<Pinhole>,
     distortion: Option<Distortion>,
-    /// Variance of a sample of the gyro \[rad²/s²\], where known.
+    /// Variance of a gyro sample \[rad²/s²\], if known.
     gyro_variance: Option<f64>,
     /// Angular velocity of the inertial measurement unit in its own axes, over time.
     gyro: Vec<(f64, Vector3<f64>)>,
     gyro_frame: String,
-    /// Of images, with the topic that they come from.
+    /// Topic of the images, and their tracker.
     tracker: Option<(&'static str, ImageTracker)>,
     /// Time of the last image \[s\].
     last_image: Option<f64>,
-    /// Images and masks that wait for each other.
+    /// Images and masks, paired by stamp.
     pairs: StampPairs<Time, Image, Grey>,
     has_masks: bool,
     ranges: RangeReader,
 }
 
-/// How images are tracked.
+/// Tracking of images while a bag is read.
 struct Through<'a> {
     tracking: &'a Tracking,
-    /// Of the target in the bag's segmentation.
+    /// Id of the target in the bag's segmentation images.
     mask_id: Option<u16>,
-    /// The same for all images.
+    /// A mask for all images.
     mask: Option<Grey>,
 }
 
@@ -167,7 +167,7 @@ const TOPICS: [(&str, Take); 4] = [
     (FEATURES, |robot, message| {
         let features: FeatureTracks = decode(message)?;
         let frame = feature_frame_from_msg(&features)?;
-        // A state that was published twice is in the bag twice.
+        // A state that was published twice is recorded twice.
         if robot.frames.last().is_none_or(|last| *last != frame) {
             robot.frames.push(frame);
             robot.measure_ranges();
@@ -202,7 +202,7 @@ const TOPICS: [(&str, Take); 4] = [
     }),
 ];
 
-/// Topics with images, and how a message becomes one.
+/// Topics with images, and the decoders of their messages.
 const IMAGES: [(&str, DecodeImage); 2] = [
     ("/camera/image_raw", |message| decode(message)),
     ("/camera/image_raw/compressed", |message| {
@@ -226,7 +226,7 @@ const IMAGES: [(&str, DecodeImage); 2] = [
 type DecodeImage = fn(&Message) -> Result<Image, String>;
 
 impl Recorded {
-    /// Tracks into an image, once it has its mask, unless images of another topic came first.
+    /// Tracks points into an image when its mask has arrived; ignores images of other topics than the first one's.
     fn see(
         &mut self,
         topic: &'static str,
@@ -271,7 +271,7 @@ impl Recorded {
             return Ok(());
         };
         let time = Time::from(&image.header.stamp).as_secs_f64();
-        // An image that was published twice is in the bag twice.
+        // An image that was published twice is recorded twice.
         if self.last_image.is_some_and(|last| time <= last) {
             return Ok(());
         }
@@ -285,7 +285,7 @@ impl Recorded {
         Ok(())
     }
 
-    /// Measures the distances of features, once the camera is known.
+    /// Measures the distances of features if the camera's calibration is known.
     fn measure_ranges(&mut self) {
         if let Some(camera) = &self.camera {
             let lens = self.distortion.as_ref();
@@ -293,7 +293,8 @@ impl Recorded {
         }
     }
 
-    /// Random walk of the integrated gyro: the samples' deviation times the root of their interval \[rad/√s\].
+    /// Angular random walk of the integrated gyro \[rad/√s\]: standard deviation of a sample times the square root of
+    /// the interval.
     fn gyro_noise(&self) -> Option<f64> {
         let (first, last) = (self.gyro.first()?, self.gyro.last()?);
         let interval = (last.0 - first.0) / self.gyro.len().saturating_sub(1).max(1) as f64;

@@ -1,4 +1,4 @@
-//! Distances of features from the clouds of points of a bag, which give the scale of lengths.
+//! Distances of features, measured by the point clouds of a bag, which give the scale of lengths.
 
 use crate::{
     estimation::bundle::MeasuredRange,
@@ -7,17 +7,17 @@ use crate::{
     vision::{Distortion, FeatureFrame, Pinhole},
 };
 
-/// Measures distances while a bag is read, so that no cloud is kept.
+/// Measures distances while a bag is read, without storing clouds.
 #[derive(Default)]
 pub(super) struct RangeReader {
     ranges: Ranges,
     has_clouds: bool,
-    /// What is wrong with the first cloud that was ignored.
+    /// The error of the first cloud that was ignored.
     problem: Option<String>,
 }
 
 impl RangeReader {
-    /// Takes a cloud whose coordinates must be in the frame `camera`; empty if this is not known yet.
+    /// Takes a cloud whose coordinates must be in the frame `camera`; empty if that is not known yet.
     pub(super) fn take(&mut self, cloud: &PointCloud2, camera: &str) {
         self.has_clouds = true;
         if camera.is_empty() {
@@ -28,7 +28,7 @@ impl RangeReader {
         }
     }
 
-    /// Measures the features of the frames nearest to the clouds that wait. `frames`: all so far.
+    /// Measures the features of the frames nearest in time to the waiting clouds. `frames` has all frames so far.
     pub(super) fn measure(
         &mut self,
         frames: &[FeatureFrame],
@@ -44,7 +44,7 @@ impl RangeReader {
         self.ranges.measure(&near, camera);
     }
 
-    /// The distances, and why clouds were ignored, if they were.
+    /// The distances, and the reason why clouds were ignored, if any were.
     pub(super) fn finish(self) -> (Vec<MeasuredRange>, Option<String>) {
         let measured = self.ranges.measured().to_vec();
         let unused = (self.has_clouds && measured.is_empty()).then(|| {

@@ -1,4 +1,4 @@
-//! Observations from CSV tables: `t,id,u,v` or `t,wx,wy,wz`, as named by the first line.
+//! Observations from CSV tables with the columns `t,id,u,v` or `t,wx,wy,wz`, named in the first line.
 
 use std::{collections::BTreeMap, io::Read, path::Path};
 
@@ -18,7 +18,7 @@ const RATES: [&str; 4] = ["t", "wx", "wy", "wz"];
 const COLUMNS: &str = "its first line must name the columns: t,id,u,v for feature tracks (s and px) or t,wx,wy,wz for \
                        angular velocity (s and rad/s)";
 
-/// Reads a table. Columns may be in any order, and there may be others.
+/// Reads a table. Columns may be in any order; other columns are ignored.
 ///
 /// # Errors
 /// A line that names file, line and column.
@@ -82,7 +82,7 @@ impl Row {
         format!("line {}: {name} is '{text}'; it must be {right}", self.line)
     }
 
-    /// Error for a row that is earlier than the one before.
+    /// The error of a row that is earlier than the previous one.
     fn early(&self, column: Column, before: f64) -> String {
         let right = format!("{before}, the time of the row before, or later; sort the rows by it");
         self.error(column, &right)
@@ -96,7 +96,7 @@ impl Row {
     }
 }
 
-/// The rows after the first line, which names this number of `columns`.
+/// The rows after the header line, which names `columns` columns.
 fn rows<R: Read>(
     reader: ::csv::Reader<R>,
     columns: usize,
@@ -246,7 +246,7 @@ mod tests {
             twice,
             "line 4: id is '1'; it must be different from that on line 2, which has the same t"
         );
-        // In another frame it is the same feature.
+        // In another frame, the same id is allowed: the same feature.
         assert!(read("t,id,u,v\n1,1,2,3\n2,1,2,4\n").is_ok());
         let rates = refused("t,wx,wy,wz\n1,0,0,0\n1,0,0,0\n");
         assert_eq!(

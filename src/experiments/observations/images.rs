@@ -1,4 +1,4 @@
-//! Feature tracks from images: PNG files of a folder.
+//! Feature tracks from a folder of PNG images.
 
 use std::path::{Path, PathBuf};
 
@@ -9,18 +9,18 @@ use crate::{
 
 use super::{ObservedTracks, Tracking, masks::Masks, png};
 
-/// Digits of the shortest file name that is a time in nanoseconds; in 2001 it had 18.
+/// Number of digits from which a file name is a time in nanoseconds; in 2001 it had 18.
 const NANOSECONDS: usize = 16;
 
-/// Whether a folder is one of PNG files, not a bag.
+/// Whether the folder contains PNG files and is not a bag.
 pub(super) fn is_folder_of_images(path: &Path) -> bool {
     path.is_dir()
         && !path.join("metadata.yaml").exists()
         && files(path).is_ok_and(|f| !f.is_empty())
 }
 
-/// Tracks points through the PNG files of a folder. Without a frame rate, names are times; with it, files are in order of their
-/// names.
+/// Tracks points through the PNG files of a folder. Without a frame rate, file names are times; with a frame rate,
+/// files are in the order of their names.
 ///
 /// # Errors
 /// A line that names the file.
@@ -86,7 +86,7 @@ fn timed(files: Vec<PathBuf>, frame_rate: Option<f64>) -> Result<Vec<(f64, PathB
         let times = files.into_iter().enumerate();
         return Ok(times.map(|(k, path)| (k as f64 / rate, path)).collect());
     }
-    // Nanoseconds since 1970 need more digits than a double has: times count from the first file.
+    // Nanoseconds since 1970 need more digits than a double has: times are relative to the first file.
     let mut first = None;
     let mut timed = Vec::new();
     for path in files {
@@ -95,7 +95,7 @@ fn timed(files: Vec<PathBuf>, frame_rate: Option<f64>) -> Result<Vec<(f64, PathB
         let time = match digits && name.len() >= NANOSECONDS {
             true => name.parse::<u64>().ok().map(|ns| {
                 let from = *first.get_or_insert(ns);
-                // Names of equal length are in order of time.
+                // Names of equal length are sorted by time; names of different lengths may not be.
                 ns.abs_diff(from) as f64 * if ns < from { -1e-9 } else { 1e-9 }
             }),
             false => name.parse().ok().filter(|t: &f64| t.is_finite()),

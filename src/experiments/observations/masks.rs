@@ -9,16 +9,17 @@ use crate::nodes::tracker::Grey;
 
 /// Masks of a sequence of images.
 pub(super) enum Masks {
-    /// The tracker finds the target by itself.
+    /// No masks: the tracker finds the target by itself.
     None,
-    /// The same for all images.
+    /// One mask for all images.
     Same(Grey),
-    /// Files with the names of the images, in a folder, and the value of the target.
+    /// A folder of mask files with the names of the images, and the value of the target.
     Files(PathBuf, Option<u16>),
 }
 
 impl Masks {
-    /// From a PNG file or a folder of them. What has the value `id` is the target, or what is not 0.
+    /// Masks from a PNG file or a folder of them. Pixels with the value `id`, or without `id` all non-zero pixels, are
+    /// the target.
     ///
     /// # Errors
     /// A line that names the file.
@@ -30,7 +31,7 @@ impl Masks {
         })
     }
 
-    /// That of an image in a file.
+    /// The mask of an image file.
     ///
     /// # Errors
     /// A line that names the file.

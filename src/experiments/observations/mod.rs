@@ -32,13 +32,13 @@ pub enum Observations {
 /// How points are tracked through recorded images.
 #[derive(Debug, Clone, Default)]
 pub struct Tracking {
-    /// Of the tracker. With `mask_id`, the target is what has this value in the masks: the files of `mask`, or `camera/segmentation` of
-    /// a bag.
+    /// Parameters of the tracker. With `mask_id`, pixels with this value in the masks are the target: in the files of
+    /// `mask`, or in `camera/segmentation` of a bag.
     pub params: TrackerParams,
-    /// Images per second of a folder of PNG files \[Hz\]; without it, the files' names are times.
+    /// Images per second for a folder of PNG files \[Hz\]; without it, file names are times.
     pub frame_rate: Option<f64>,
-    /// A PNG file, the mask of all images, or a folder with one for every image of a folder, of the same name. What is not 0 is the
-    /// target.
+    /// A PNG file with the mask of all images; or, for a folder of images, a folder of masks with the same file names.
+    /// Pixels that are not 0 are the target.
     pub mask: Option<PathBuf>,
 }
 
@@ -54,11 +54,11 @@ pub struct ObservedTracks {
     /// The camera's own angular velocity over time, in its own axes \[rad/s\]; empty if it was not
     /// measured.
     pub w_WC_C: Vec<(f64, Vector3<f64>)>,
-    /// Random walk of the integrated gyro \[rad/√s\], from the covariance that its messages give.
+    /// Angular random walk of the integrated gyro \[rad/√s\], from the covariance in its messages.
     pub gyro_noise: Option<f64>,
-    /// Distances of points from the camera, from the clouds of points of a bag.
+    /// Distances of points from the camera, measured by point clouds of a bag.
     pub ranges: Vec<MeasuredRange>,
-    /// Why clouds of points were ignored, if any were.
+    /// The reason why point clouds were ignored, if any were.
     pub ignored_clouds: Option<String>,
 }
 
@@ -80,10 +80,10 @@ impl ObservedTracks {
 }
 
 impl Observations {
-    /// Reads a bag (a folder or a `.mcap` file) or, any other file, a CSV table.
+    /// Reads a bag (a folder or a `.mcap` file), or otherwise a CSV table.
     ///
     /// # Errors
-    /// A line that names the file, and topic or line and column.
+    /// A line that names the file, and the topic, or line and column.
     pub fn read(path: &Path) -> Result<Self, String> {
         let is_bag = path.is_dir() || path.extension().is_some_and(|e| e == "mcap");
         if images::is_folder_of_images(path) {

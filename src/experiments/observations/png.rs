@@ -1,10 +1,10 @@
-//! PNG files.
+//! Reading of PNG files.
 
 use std::path::Path;
 
 use image::{DynamicImage, ImageFormat};
 
-/// Reads a PNG file, whatever its name ends in.
+/// Reads a PNG file, whatever its file extension.
 ///
 /// # Errors
 /// A line that names the file.

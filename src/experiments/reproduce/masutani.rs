@@ -23,7 +23,7 @@ fn largest(moments: &[Moment], figure: impl Fn(&Moment) -> f64) -> f64 {
     moments.iter().map(figure).fold(0.0, f64::max)
 }
 
-/// Projections every 3 s, (a) joint PD and (b) the proposed law.
+/// Projections of the arm every 3 s, under (a) joint PD control and (b) the proposed law.
 pub(super) fn fig_5_3(mut report: Report) -> Report {
     let laws = [LawKind::JointPd, LawKind::TransposeJacobian];
     let [joint_pd, proposed] = laws.map(moments);
@@ -69,7 +69,7 @@ pub(super) fn fig_5_3(mut report: Report) -> Report {
     report
 }
 
-/// The arm in the plane of y and x: forth and back along its links, so that one line contains all postures.
+/// The arm in the y-x plane, drawn forth and back along its links, so that one line contains all postures.
 fn projection(run: &[Moment]) -> Vec<Series> {
     let model = model();
     let mut workspace = Workspace::new(&model);

@@ -72,14 +72,14 @@ pub(super) fn fig_4_5(mut report: Report) -> Report {
 
 /// Statistics of the ellipses.
 struct Comparison {
-    /// Mean relative difference of the Jacobians in the inner half of the distances of the tip from the base, by area
-    /// of the tip.
+    /// Mean relative difference of the Jacobians in the inner half of the tip's distances from the base, weighted by
+    /// area.
     near: f64,
-    /// The same in the outer half.
+    /// Mean relative difference in the outer half.
     far: f64,
     /// Fraction of the tip's area where the manipulability is lower with a floating base.
     worse: f64,
-    /// Largest ratio of the longest half-axes.
+    /// Largest ratio of the longest semi-axes.
     longest: f64,
 }
 

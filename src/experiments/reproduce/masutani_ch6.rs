@@ -87,13 +87,13 @@ pub(super) fn fig_6_1(mut report: Report) -> Report {
     report
 }
 
-/// A run with one of the Jacobians.
+/// A simulated run with one of the Jacobians.
 struct Run {
     /// Distance from the goal every 0.1 s \[m\].
     deviations: Vec<f64>,
-    /// The tip every 0.1 s.
+    /// Position of the tip every 0.1 s.
     path: Vec<Vector3<f64>>,
-    /// Base, joints and tip every 10 s, each as a line there.
+    /// Base, joints and tip every 10 s, as one line that runs forth and back.
     arms: Vec<(f64, f64)>,
 }
 

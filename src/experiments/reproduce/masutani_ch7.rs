@@ -122,7 +122,7 @@ fn table(all: &[[Outcome; 3]]) -> String {
     out
 }
 
-/// The arm every 3 s in the plane of y and z, in which it moves.
+/// The arm every 3 s in the y-z plane, in which it moves.
 fn picture(outcome: &Outcome, title: &str) -> PlaneFigure {
     let model = model();
     let mut workspace = Workspace::new(&model);

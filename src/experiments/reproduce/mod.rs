@@ -29,7 +29,7 @@ pub struct Reproduction {
     compute: fn(Report) -> Report,
 }
 
-/// All results, in the order of `fuyu reproduce all`.
+/// All reproductions, in the order of `fuyu reproduce all`.
 pub const ALL: &[Reproduction] = &{
     const PARTS: [&[Reproduction]; 4] = [QUICK, CAPTURE, KIDA, TUMBLING];
     const COUNT: usize = QUICK.len() + CAPTURE.len() + KIDA.len() + TUMBLING.len();
@@ -47,7 +47,7 @@ pub const ALL: &[Reproduction] = &{
     all
 };
 
-/// Results that need only a few runs each.
+/// Reproductions that need only a few runs each.
 const QUICK: &[Reproduction] = &[
     Reproduction {
         name: "masutani-fig-4.5",
@@ -122,12 +122,12 @@ const QUICK: &[Reproduction] = &[
 ];
 
 impl Reproduction {
-    /// Finds a result by name.
+    /// Finds a reproduction by name.
     pub fn named(name: &str) -> Option<&'static Self> {
         ALL.iter().find(|r| r.name == name)
     }
 
-    /// Computes the result; takes seconds.
+    /// Computes the reproduction; takes seconds.
     pub fn compute(&self) -> Report {
         (self.compute)(Report::new(self.name, self.shows))
     }

@@ -19,7 +19,7 @@ pub struct Row {
     pub tolerance: Option<f64>,
     /// Whether the result is reproduced.
     pub passed: bool,
-    /// Whether the source prints no number for it, so that quantity and limit are ours.
+    /// Whether the source prints no number for it, so that quantity and limit are fuyu's own.
     pub own_claim: bool,
 }
 
@@ -32,7 +32,7 @@ pub struct Report {
     pub passed: bool,
     /// The table.
     pub rows: Vec<Row>,
-    /// Notes for readers of the table.
+    /// Notes on the table.
     pub notes: Vec<String>,
     /// Content and source.
     #[serde(skip)]
@@ -49,7 +49,7 @@ pub struct Report {
     /// Shapes of structures by the stem of their file names.
     #[serde(skip)]
     pub shapes: Vec<(String, ShapeFigure)>,
-    /// Tables of other shapes, formatted as printed.
+    /// Preformatted tables of other layouts.
     #[serde(skip)]
     pub listings: Vec<String>,
     /// Published statements that are known not to be reproducible; their rows say so.
@@ -58,7 +58,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// A report without rows about `shows`.
+    /// An empty report on `shows`.
     pub fn new(name: &str, shows: &str) -> Self {
         Self {
             name: name.to_owned(),
@@ -77,12 +77,12 @@ impl Report {
 
     /// Adds a published number with the allowed difference of the computed one.
     pub(super) fn near(&mut self, quantity: &str, published: f64, computed: f64, tolerance: f64) {
-        // NaN is never within the tolerance.
+        // This is false for NaN.
         let passed = (computed - published).abs() <= tolerance;
         self.push(quantity, Some(published), computed, Some(tolerance), passed);
     }
 
-    /// Adds a statement without a number (its words in `quantity`) and the number that confirms it.
+    /// Adds a published statement without a number (its words in `quantity`), and the number that confirms it.
     pub(super) fn holds(&mut self, quantity: &str, computed: f64, holds: bool) {
         self.push(
             quantity,
@@ -93,8 +93,8 @@ impl Report {
         );
     }
 
-    /// Adds a published statement that is known not to be reproducible, with the number that shows it. `as_known` is whether
-    /// that number is what the notes say.
+    /// Adds a published statement that is known not to be reproducible, with the number that shows it. `as_known` says
+    /// whether the number agrees with the notes.
     pub(super) fn not_reproduced(&mut self, quantity: &str, computed: f64, as_known: bool) {
         self.exceptions += 1;
         self.holds(&format!("{quantity}: NOT REPRODUCED"), computed, as_known);
@@ -160,7 +160,7 @@ impl Report {
         out
     }
 
-    /// How many rows compare with a published number.
+    /// Number of rows that compare with a published number, as text.
     fn claims(&self) -> String {
         let own = self.rows.iter().filter(|row| row.own_claim).count();
         let published = self.rows.len() - own;
@@ -170,14 +170,13 @@ impl Report {
         }
     }
 
-    /// Writes the pictures (SVG and PNG) and the table (`NAME.md`, `NAME.csv`) into an existing folder; returns
-    /// the paths.
+    /// Writes pictures (SVG and PNG) and the table (`NAME.md`, `NAME.csv`) into an existing folder. Returns the paths.
     ///
     /// # Errors
-    /// One line that names the file that cannot be written.
+    /// A line that names the file that cannot be written.
     pub fn save(&self, folder: &Path) -> Result<Vec<PathBuf>, String> {
         let mut paths = Vec::new();
-        // A dot in a name is not an extension.
+        // A dot in a name does not begin an extension.
         let path = |stem: &str| folder.join(format!("{stem}.svg"));
         let line = |e: ChartError| e.to_string();
         for (stem, figure) in &self.figures {
@@ -244,12 +243,12 @@ const HEADER: [&str; 5] = ["quantity", "published", "computed", "tolerance", ""]
 
 impl Row {
     fn cells(&self) -> [String; 5] {
-        // The digits that are significant at the tolerance, and one more.
+        // One digit more than is significant at the tolerance.
         let decimals = match self.tolerance {
             Some(tolerance) if tolerance > 0.0 => {
                 (1.0 - tolerance.log10().floor()).clamp(0.0, 15.0) as usize
             }
-            // Counts.
+            // Counts: no decimals.
             Some(_) => 0,
             None if self.computed == self.computed.round() => 0,
             // Five significant digits.
@@ -266,7 +265,7 @@ impl Row {
         let tolerance = |t: f64| match t {
             0.0 => "0".to_owned(),
             t if t < 1e-3 => format!("{t:e}"),
-            // Rounding errors beyond the last digit are not shown.
+            // Hides rounding errors beyond the last digit.
             t => ((t * 1e9).round() / 1e9).to_string(),
         };
         [

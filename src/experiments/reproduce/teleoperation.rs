@@ -11,7 +11,7 @@ use crate::experiments::masutani_ch8::{
 };
 use crate::experiments::{Dots, Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series};
 
-/// The experiments of the table below Fig. 8.7, named with letters that the font of the pictures has.
+/// The experiments of the table below Fig. 8.7, named with letters that the pictures' font has.
 const NAMES: [&str; 6] = [
     "fixed base, inverse J",
     "fixed base, transpose J",
@@ -87,7 +87,7 @@ pub(super) fn fig_8_7(mut report: Report) -> Report {
          operator's feeling, which the model does not have. Its standard deviations are over targets only; a person's are \
          over tries too."
     ));
-    // The targets are categories, so no line joins them; the methods are side by side at each.
+    // Targets are categories, so no line joins them; the methods are drawn next to each other at each target.
     let dots = |figure: &[Vec<f64>; 6]| -> Vec<Dots> {
         let methods = (0..).map(f64::from).zip(NAMES).zip(figure);
         let dots = methods.map(|((method, name), values)| {
@@ -193,7 +193,7 @@ fn listing(runs: &[[Attempt; 8]; 6], times: &[Vec<f64>; 6]) -> String {
     out
 }
 
-/// The indices over the work space of the planar arm.
+/// The operability indices over the workspace of the planar arm.
 pub(super) fn fig_8_10(mut report: Report) -> Report {
     /// Position of joint 1 on the base's x axis: it separates the half of the workspace that contains the base from the other [m].
     const MOUNT: f64 = 1.75;

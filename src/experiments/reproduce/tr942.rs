@@ -1,14 +1,14 @@
-//! The printed tables of TR-942, chapter 3, compared with both of its methods at its step size and with more digits.
+//! The printed tables of TR-942, chapter 3, compared with both of its methods at its step size, and at smaller errors.
 
 use super::Report;
 use crate::dynamics::{Formulation, Tableau};
 use crate::experiments::tr942::{MatrixRun, Run, chain as example_1, pantograph as example_2};
 use crate::experiments::{Dots, Figure, Panel, Series};
 
-/// Tolerance for Kane's method, with which the eight printed digits were computed.
+/// Tolerance for Kane's method, by which the eight printed digits were computed.
 const DIGITS_OF_ANGLES: f64 = 2e-7;
 const DIGITS_OF_RATES: f64 = 5e-8;
-/// Tolerance for the matrix method: it integrates other variables, so its step error differs.
+/// Tolerance for the matrix method, whose step error differs, since it integrates other variables.
 const STEP_OF_MATRIX_METHOD: f64 = 2e-5;
 
 /// Tables 3.2.4 and Figs. 3.2.3, 3.2.4.
@@ -199,7 +199,7 @@ pub(super) fn pantograph(mut report: Report) -> Report {
     report
 }
 
-/// Angles and rates of the pantograph: with projection, and without it until that diverges.
+/// Angles and rates of the pantograph: with projection onto the constraints, and without it until the motion diverges.
 fn unfolding() -> (Vec<Series>, Vec<Series>) {
     let hinges = [("θ2", 2), ("θ3", 3), ("θ5", 5)];
     let series = hinges.map(|(name, _)| Series {
@@ -247,7 +247,7 @@ fn figure(title: &str, y_label: &str, series: Vec<Series>, dots: Vec<Dots>) -> F
     }
 }
 
-/// All joints over time.
+/// Motion of all joints over time.
 struct Curves(Vec<Sample>);
 
 struct Sample {
@@ -288,7 +288,7 @@ impl Curves {
     }
 }
 
-/// The largest difference of the first joints; NaN if any is NaN.
+/// Largest difference of the first joints; NaN if any value is NaN.
 fn apart(ours: &[f64], theirs: &[f64]) -> f64 {
     let differences = ours.iter().zip(theirs).map(|(a, b)| (a - b).abs());
     differences.fold(0.0, |a, b| if b > a || b.is_nan() { b } else { a })

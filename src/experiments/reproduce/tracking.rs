@@ -1,4 +1,4 @@
-//! Tracking a tumbling grasp point, and the tolerated camera latency: fuyu's runs compared with its bounds.
+//! Tracking of a tumbling grasp point, and tolerated camera latency: simulated runs compared with fuyu's bounds.
 
 use super::Report;
 use crate::control::{LawKind, prediction::Prediction};
@@ -83,7 +83,7 @@ fn errors(ideal: &[(&str, Vec<Moment>)], late: &[(&str, Vec<Moment>)]) -> Figure
             .iter()
             .map(|(name, run)| Series {
                 name: (*name).to_owned(),
-                // On the logarithmic axis, errors below a hundredth of a millimetre or degree are drawn there.
+                // Smaller errors are drawn at a hundredth of a millimetre or degree on the logarithmic axis.
                 points: run
                     .iter()
                     .step_by(10)

@@ -39,7 +39,7 @@ pub const PRINTED: [Angles; 5] = [
     angles(8.0, 7.1992821e-1, -3.2072845e-1),
 ];
 
-/// The solution without step error: DOP853 at a tolerance of 1e-13, by an independent program (Python).
+/// The solution without step error, by an independent program (Python): DOP853 at a tolerance of 1e-13.
 pub const CONVERGED: [Angles; 4] = [
     angles(2.0, 0.050269493456, -0.332567777886),
     angles(4.0, -0.737754617723, 1.888506610851),

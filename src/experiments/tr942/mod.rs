@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::model::{Joint, JointKind, JointLimits, Spring};
 use crate::spatial::{Pose, RigidInertia};
 
-/// A row `W`, `H` (about the centre of mass), `r` of a table of bodies.
+/// A body: row `W`, `H` (about the centre of mass), `r` of the table.
 fn body(mass: f64, moments: [f64; 3], com: [f64; 3]) -> RigidInertia {
     RigidInertia {
         mass,

@@ -84,9 +84,9 @@ const fn exact(time: f64, position: [f64; 2], rate: [f64; 2]) -> Exact {
     }
 }
 
-/// The motion without cut loops: five smooth coordinates (base in its plane, `θ₂`, `s₂`), DOP853 at a
-/// tolerance of 1e-13, by an independent program (Python). `θ₂` crosses zero, where the pantograph is stretched and
-/// the cuts' constraints lose rank, at 9.03428, 18.87113, 29.35100 and 38.23616 s.
+/// The motion without cut loops, by an independent program (Python): five smooth coordinates (base in its plane, `θ₂`,
+/// `s₂`), DOP853 at a tolerance of 1e-13. `θ₂` crosses zero at 9.03428, 18.87113, 29.35100 and 38.23616 s; there the
+/// pantograph is stretched and the constraints of the cuts lose rank.
 pub const EXACT: [Exact; 21] = [
     exact(0.0, [-1.53588974175501, 0.9993908270190958], [0.0, 0.0]),
     exact(
@@ -191,7 +191,8 @@ pub const EXACT: [Exact; 21] = [
     ),
 ];
 
-/// All joint positions, in the order of [`model`], of the closed pantograph with `θ₂` and `s₂`: `s₃ = s₂ + 2 sin θ₂`, `θ₃ = -θ₂`, `θ₄ = 2 θ₂`, `θ₅ = -2 θ₂`.
+/// All joint positions of the closed pantograph with `θ₂` and `s₂`, in the order of [`model`]: `s₃ = s₂ + 2 sin θ₂`,
+/// `θ₃ = -θ₂`, `θ₄ = 2 θ₂`, `θ₅ = -2 θ₂`.
 pub fn joints([theta_2, s_2]: [f64; 2]) -> [f64; 6] {
     let s_3 = s_2 + 2.0 * theta_2.sin();
     [s_2, theta_2, -2.0 * theta_2, s_3, -theta_2, 2.0 * theta_2]
@@ -203,8 +204,8 @@ pub fn initial() -> [f64; 6] {
     joints([theta_2, f64::to_radians(2.0).cos()])
 }
 
-/// The robot of Tables 3.3.1 and 3.3.2, loops cut at hinges 6 and 7. The carriages between the two freedoms of
-/// hinges 2 and 3 have no mass; in `urdf/tr942_pantograph.urdf` they have some of their neighbours' mass.
+/// The robot of Tables 3.3.1 and 3.3.2 with its loops cut at hinges 6 and 7. The carriages between the two freedoms of
+/// hinges 2 and 3 are massless; in `urdf/tr942_pantograph.urdf` they have some of their neighbours' mass.
 pub fn model() -> Model {
     let base = body(200.0, [20.0; 3], [0.0; 3]);
     let long = body(20.0, [1.0, 5.0, 5.0], [1.0, 0.0, 0.0]);
@@ -261,8 +262,8 @@ pub fn cuts(model: &Model) -> [CutHinge; 2] {
     })
 }
 
-/// The same robot for the matrix method, its loops closed by hinges 6 and 7 of the freedom `closing`:
-/// [`IN_PLANE`], or full revolute ones, which are redundant in a plane.
+/// The same robot for the matrix method, its loops closed by hinges 6 and 7 with the freedom `closing`: [`IN_PLANE`],
+/// or full revolute hinges, which are redundant in a plane.
 pub fn system(closing: Freedom) -> SystemBuilder {
     const SLIDING: Freedom = Freedom::REVOLUTE.and(Axis::TranslationY);
     let base = body(200.0, [20.0; 3], [0.0; 3]);

@@ -1,4 +1,4 @@
-//! A run as in the report: the whole motion in one vector, integrated in equal steps.
+//! A run as in the report: the whole motion as one state vector, integrated in equal steps.
 
 use nalgebra::{DVector, Isometry3, Translation3};
 
@@ -40,7 +40,7 @@ impl Run<Kane> {
 }
 
 impl<F: Formulation> Run<F> {
-    /// At rest with joint positions `q`, in the order of the model.
+    /// Starts at rest at joint positions `q`, in the order of the model.
     pub fn new(model: Model, formulation: F, tableau: &'static Tableau, q: &[f64]) -> Self {
         let layout = VectorState::new(&model);
         Self {
@@ -55,7 +55,7 @@ impl<F: Formulation> Run<F> {
         }
     }
 
-    /// Steps of `dt` \[s\] to `time` \[s\], which must be a multiple of it from now.
+    /// Advances in steps of `dt` \[s\] to `time` \[s\]; the difference must be a multiple of `dt`.
     pub fn advance_to(&mut self, time: f64, dt: f64) {
         for _ in 0..((time - self.time) / dt).round() as usize {
             self.stepper.step(&mut self.x, dt, |x, rate| {
@@ -105,7 +105,7 @@ pub struct MatrixRun {
 }
 
 impl MatrixRun {
-    /// Example 1; `projected`: projected onto the constraints after every step.
+    /// Example 1. If `projected`, the state is projected onto the constraints after every step.
     pub fn chain(tableau: &'static Tableau, projected: bool) -> Self {
         let system = System::from_model(&chain::model()).expect("a chain of five bodies");
         let start = chain::start(&system);
@@ -135,7 +135,7 @@ impl MatrixRun {
         }
     }
 
-    /// Like [`Run::advance_to`].
+    /// Advances as [`Run::advance_to`].
     pub fn advance_to(&mut self, time: f64, dt: f64) {
         for _ in 0..((time - self.time) / dt).round() as usize {
             let (system, method, load) = (&self.system, &mut self.method, &self.load);

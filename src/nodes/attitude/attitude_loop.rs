@@ -1,4 +1,4 @@
-//! The attitude controller with its robot, stepped once per control period.
+//! Attitude loop: the attitude controller with its model of the robot, stepped once per control period.
 
 use super::{AttitudeParams, params::NamedLaw};
 use crate::{
@@ -15,31 +15,30 @@ use crate::{
 };
 use nalgebra::{Complex, DVector, UnitQuaternion, Vector3};
 
-/// Takes samples, and steps the controller when a control period has passed. The node and `fuyu simulate` run this same
-/// loop.
+/// Takes samples, and steps the controller when a control period has passed. Used by the node and by `fuyu simulate`.
 ///
-/// The law is designed for the posture of the first joint state, and `hinf` for more of them; a law that is selected later
-/// for the posture of that time. Samples that arrive before the first joint state are not used, except a reference.
+/// The law is designed for the posture of the first joint state (`hinf` also for further postures); a law that is
+/// selected later, for the posture at that time. Samples before the first joint state are ignored, except a reference.
 #[derive(Debug)]
 pub struct AttitudeLoop {
     params: AttitudeParams,
     system: FlexibleSystem,
     controller: Option<AttitudeController>,
-    /// Reference that came before the first joint state.
+    /// Reference received before the first joint state.
     early_target: Option<UnitQuaternion<f64>>,
     last_step: Option<Stamp>,
-    /// On-times of thrusters are commanded by the last step, and not by the states after it.
+    /// Whether the last call of [`Self::step`] was a control step: on-times of thrusters are commanded only then.
     has_stepped: bool,
 }
 
-/// Part of a control period by which a state may be early for its step.
+/// Fraction of a control period by which a step may be early.
 const EARLY: f64 = 1e-3;
 
 impl AttitudeLoop {
-    /// A loop for the robot of `model` with the parts that `params` states.
+    /// A loop for the robot of `model` with the additional parts in `params`.
     ///
     /// # Errors
-    /// A line that names what is wrong.
+    /// A line that names the invalid part.
     pub fn new(params: &AttitudeParams, model: &Model) -> Result<Self, String> {
         Ok(Self {
             system: params.flexible.system(model)?,
@@ -66,10 +65,10 @@ impl AttitudeLoop {
         self.controller.as_ref()
     }
 
-    /// Designs the law for joint positions `q`, and starts the controller.
+    /// Designs the law for joint positions `q`, and creates the controller.
     ///
     /// # Errors
-    /// A line that says why there is no such law, or what the robot lacks.
+    /// A line that says why the law cannot be designed, or which part the robot lacks.
     pub fn design(&mut self, q: &[f64]) -> Result<(), String> {
         let params = &self.params;
         let controller = || {
@@ -89,7 +88,7 @@ impl AttitudeLoop {
         Ok(())
     }
 
-    /// The law that the parameters select, for joint positions `q`.
+    /// Designs the selected law for joint positions `q`.
     fn law_for(&self, q: &[f64]) -> Result<Box<dyn AttitudeLaw>, AttitudeConfigError> {
         let params = &self.params;
         let mut plants = vec![AttitudePlant::new(
@@ -104,11 +103,11 @@ impl AttitudeLoop {
         params.law.config.law(&plants, params.regulator.period)
     }
 
-    /// Selects a law while the loop runs: it is designed for the newest joint positions, and takes over without a step in
-    /// the torque. Before the first joint state it is the law to start with.
+    /// Selects another law while the loop runs (bumpless transfer): the law is designed for the newest joint positions,
+    /// and takes over without a step in the torque. Before the first joint state, selects the initial law.
     ///
     /// # Errors
-    /// A line that says why there is no such law; the one before stays in force.
+    /// A line that says why the law cannot be designed; the previous law stays active.
     pub fn select_law(&mut self, law: NamedLaw) -> Result<(), String> {
         let before = std::mem::replace(&mut self.params.law, law);
         let q = self.controller.as_ref().and_then(|c| c.joint_positions());
@@ -129,8 +128,8 @@ impl AttitudeLoop {
         }
     }
 
-    /// Spectral radius of the loop at the newest joint positions, without delay; below 1 it is stable. `None` before the
-    /// first joint state.
+    /// Spectral radius of the closed loop at the newest joint positions, without delay; the loop is unstable above 1.
+    /// `None` before the first joint state.
     ///
     /// # Errors
     /// A line that says why it cannot be computed.
@@ -149,7 +148,7 @@ impl AttitudeLoop {
             .map_err(|e| e.to_string())
     }
 
-    /// Ends the torques until the next step.
+    /// Sets the torques to zero until the next step.
     pub fn release(&mut self) {
         if let Some(controller) = &mut self.controller {
             controller.release();
@@ -158,7 +157,7 @@ impl AttitudeLoop {
         self.has_stepped = false;
     }
 
-    /// Why the law is unstable at joint positions `q` with torques that act `delay` \[s\] late, if it is.
+    /// If the closed loop is unstable at joint positions `q` with torques delayed by `delay` \[s\]: the reason.
     ///
     /// # Errors
     /// As [`AttitudeLoop::design`].
@@ -178,7 +177,7 @@ impl AttitudeLoop {
         }))
     }
 
-    /// Poles of the continuous closed loop at joint positions `q` \[rad/s\], by real part.
+    /// Poles of the continuous closed loop at joint positions `q` \[rad/s\], sorted by real part.
     ///
     /// # Errors
     /// As [`AttitudeLoop::design`].
@@ -195,10 +194,10 @@ impl AttitudeLoop {
         Ok(poles)
     }
 
-    /// Adds joint positions and rates. The first ones start the controller.
+    /// Adds joint positions and rates. The first ones create the controller.
     ///
     /// # Errors
-    /// A line that says what is wrong.
+    /// A line that says what is invalid.
     pub fn add_joint_state(&mut self, stamp: Stamp, q: &[f64], qd: &[f64]) -> Result<(), String> {
         if self.controller.is_none() {
             self.design(q)?;
@@ -207,15 +206,15 @@ impl AttitudeLoop {
             .map_err(|e| e.to_string())
     }
 
-    /// Adds a gyro sample, base axes \[rad/s\]. One with an earlier stamp than the last starts another run.
+    /// Adds a gyro sample, base axes \[rad/s\]. A stamp earlier than the last one starts a new run.
     ///
     /// # Errors
-    /// A value that is not finite.
+    /// If a value is not finite.
     pub fn add_gyro(&mut self, stamp: Stamp, w: Vector3<f64>) -> Result<(), AttitudeInputError> {
         self.add(|controller| controller.add_gyro(stamp, w).map(drop))
     }
 
-    /// Adds a sample, which may start another run. Before the first joint state there is nothing to add it to.
+    /// Adds a sample, which may start a new run. Ignored before the first joint state.
     fn add(
         &mut self,
         add: impl FnOnce(&mut AttitudeController) -> Result<(), AttitudeInputError>,
@@ -234,10 +233,10 @@ impl AttitudeLoop {
         Ok(())
     }
 
-    /// Adds a measurement of the star tracker. Returns how it was processed.
+    /// Adds a measurement of the star tracker. Returns how it was used.
     ///
     /// # Errors
-    /// A value that is not finite.
+    /// If a value is not finite.
     pub fn add_star_tracker(
         &mut self,
         stamp: Stamp,
@@ -249,10 +248,10 @@ impl AttitudeLoop {
             .transpose()
     }
 
-    /// Adds speeds of the wheels in the order of the parameters \[rad/s\].
+    /// Adds wheel speeds in the order of the parameters \[rad/s\].
     ///
     /// # Errors
-    /// A wrong number of values, or one that is not finite.
+    /// If the number of values is wrong, or a value is not finite.
     pub fn add_wheel_speeds(
         &mut self,
         stamp: Stamp,
@@ -264,10 +263,10 @@ impl AttitudeLoop {
         }
     }
 
-    /// Sets the reference.
+    /// Sets the reference attitude.
     ///
     /// # Errors
-    /// A value that is not finite.
+    /// If a value is not finite.
     pub fn set_target(
         &mut self,
         stamp: Stamp,
@@ -304,8 +303,8 @@ impl AttitudeLoop {
         self.controller.as_ref().map_or(&[], |c| c.wheel_torques())
     }
 
-    /// On-times that the last call of [`AttitudeLoop::step`] commands \[s\]; `None` if it was not a step, or thrusters
-    /// are not used.
+    /// On-times commanded by the last call of [`AttitudeLoop::step`] \[s\]; `None` if that was not a control step, or
+    /// thrusters are not used.
     pub fn on_times(&self) -> Option<&[f64]> {
         let on_times = self.controller.as_ref()?.on_times();
         (self.has_stepped && !on_times.is_empty()).then_some(on_times)

@@ -1,4 +1,4 @@
-//! Diagnostics of the attitude node about each step.
+//! Diagnostics of the attitude node, updated at each control step.
 
 use std::time::{Duration, Instant};
 
@@ -13,12 +13,12 @@ use crate::{
 /// How long diagnostics report a refused message.
 const REFUSAL_SHOWN: Duration = Duration::from_secs(5);
 
-/// The last refused message. It is reported for some seconds, whatever else is to report about the same part.
+/// The last refused message, reported for some seconds with priority over other reports.
 #[derive(Debug, Default)]
 pub(super) struct Refusals(Option<(Instant, String)>);
 
 impl Refusals {
-    /// A message has been refused for this reason.
+    /// Records that a message was refused for this reason.
     pub(super) fn note(&mut self, reason: String) {
         self.0 = Some((Instant::now(), reason));
     }
@@ -33,11 +33,11 @@ impl Refusals {
     }
 }
 
-/// The parts `control`, `law`, `star tracker` and `wheels`.
+/// The statuses `control`, `law`, `star tracker` and `wheels`.
 pub(super) struct Health {
-    /// What turns the base, and what is wrong with the inputs.
+    /// Control mode, and problems with the inputs.
     pub control: Status,
-    /// The law in force, and whether it is stable in the present posture.
+    /// The active law, and whether it is stable in the current posture.
     pub law: Status,
     star_tracker: Status,
     wheels: Status,

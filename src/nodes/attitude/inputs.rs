@@ -1,4 +1,4 @@
-//! The attitude node's subscriptions, which feed its loop.
+//! Subscriptions of the attitude node, which feed its loop.
 
 use std::time::Duration;
 
@@ -26,18 +26,18 @@ pub(super) struct Inputs {
     newest: Newest,
 }
 
-/// Newest stamps of the messages of a state.
+/// Newest stamps of the messages that make up a state.
 #[derive(Debug, Default)]
 struct Newest {
     joints: Option<Stamp>,
     wheels: Option<Stamp>,
     gyro: Option<Stamp>,
-    /// Of joints and wheels, the first.
+    /// Stamp of the first joint state.
     first: Option<Stamp>,
 }
 
 impl Newest {
-    /// The state to answer, see [`Inputs::state`].
+    /// The stamp of the state to answer, see [`Inputs::state`].
     fn state(&self, timeout: Option<f64>) -> Option<Stamp> {
         let Self { joints, wheels, .. } = self;
         let Some(timeout) = timeout else {
@@ -66,7 +66,7 @@ impl Inputs {
         })
     }
 
-    /// Passes everything that has arrived to the loop. What it refuses is noted.
+    /// Passes received messages to the loop. Refused messages are recorded in `refusals`.
     pub(super) fn feed(&mut self, attitude: &mut AttitudeLoop, refusals: &mut Refusals) {
         let Self { newest, .. } = self;
         each(&self.joint_states, refusals, |message| {
@@ -115,13 +115,14 @@ impl Inputs {
         });
     }
 
-    /// Stamp of the state to answer: that of the newest gyro sample, or of joints and wheels once they are `timeout` \[s\]
-    /// ahead of it. Without a timeout (in lockstep) that of the gyro sample, if joints and wheels have come as well.
+    /// Stamp of the state to answer: that of the newest gyro sample; if joints and wheels are more than `timeout` \[s\]
+    /// ahead, the newest stamp of these. Without a timeout (in lockstep), the stamp that gyro, joints and wheels have
+    /// in common.
     pub(super) fn state(&self, timeout: Option<f64>) -> Option<Stamp> {
         self.newest.state(timeout)
     }
 
-    /// Time since the last gyro sample and joint state, if longer than `limit`, and the topics' names.
+    /// Time since the newest gyro sample or joint state, if longer than `limit`, and the names of their topics.
     pub(super) fn silence(&self, limit: Duration) -> Option<(Duration, [&str; 2])> {
         let ages = [self.imu.age(), self.joint_states.age()];
         let age = ages.into_iter().flatten().min()?;
@@ -134,7 +135,7 @@ fn stamp(stamp: &builtin_interfaces::Time) -> Stamp {
     Stamp::from_nanos(Time::from(stamp).as_nanos())
 }
 
-/// Calls `add` for every message that has arrived, and reports the messages that it refuses.
+/// Calls `add` for every message received, and records the messages that it refuses.
 fn each<M: crate::msg::Interface>(
     topic: &Subscription<M>,
     refusals: &mut Refusals,

@@ -1,28 +1,28 @@
-//! The present attitude law: its replacement while the node runs, and its stability in the postures that occur.
+//! Law monitor: changes of the attitude law while the node runs, and the stability of the active law in each posture.
 
 use std::time::{Duration, Instant};
 
 use super::{AttitudeLoop, params::NamedLaw};
 use crate::ros::Status;
 
-/// Largest spectral radius of a stable loop: rate feedback alone leaves the attitude free, with poles at 1.
+/// Largest spectral radius that counts as stable: rate feedback alone leaves the attitude free, with poles at 1.
 const STABLE: f64 = 1.0 + 1e-9;
 
-/// Time between two computations of the stability.
+/// Time between two computations of the spectral radius.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// Applies changes of the parameter `law`, and reports about the law in force.
+/// Applies changes of the parameter `law`, and reports on the active law.
 #[derive(Debug, Default)]
 pub(super) struct LawMonitor {
-    /// The law that was selected last.
+    /// The law selected last.
     selected: Option<NamedLaw>,
-    /// Why it was refused.
+    /// Why it was refused, if it was.
     refusal: Option<String>,
     checked: Option<Instant>,
 }
 
 impl LawMonitor {
-    /// Makes `law` the law in force, unless it has been tried before. If it is refused, the one before stays.
+    /// Activates `law` if the selection has changed. If it is refused, the previous law stays active.
     pub(super) fn follow(&mut self, law: NamedLaw, attitude: &mut AttitudeLoop, status: &Status) {
         if self.selected.replace(law) == Some(law) {
             return;
@@ -44,7 +44,7 @@ impl LawMonitor {
         }
     }
 
-    /// Reports whether the law is stable in the present posture, once a second.
+    /// Reports once a second whether the law is stable in the current posture.
     pub(super) fn check(&mut self, attitude: &AttitudeLoop, status: &Status) {
         if self.checked.is_some_and(|at| at.elapsed() < PAUSE) {
             return;

@@ -1,4 +1,4 @@
-//! Messages that the attitude node publishes: `wheel_commands`, `thruster_commands` and `attitude/state`.
+//! Messages published by the attitude node: `wheel_commands`, `thruster_commands` and `attitude/state`.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -18,10 +18,10 @@ use crate::{
     ros::Time,
 };
 
-/// Age that is published when nothing has been measured yet \[s\].
+/// Age that is published if nothing has been measured yet \[s\].
 const NEVER: f64 = 1e9;
 
-/// The messages of an attitude controller. They are kept from step to step, so that names are copied only once.
+/// The messages of an attitude controller, reused at each step so that names are copied only once.
 #[derive(Debug, Clone)]
 pub struct AttitudeMessages {
     /// Motor torques of the wheels.
@@ -60,8 +60,8 @@ impl AttitudeMessages {
         }
     }
 
-    /// Writes the torques to hold from the state of `now` on, and the on-times if there are any. Returns whether there
-    /// are.
+    /// Writes the torques to hold in answer to the state of `now`, and on-times of thrusters if commanded. Returns
+    /// whether there are on-times.
     pub fn write_commands(&mut self, attitude: &AttitudeLoop, now: Stamp) -> bool {
         let stamp: builtin_interfaces::Time = Time::from_nanos(now.as_nanos()).into();
         self.wheels.header.stamp = stamp.clone();
@@ -77,7 +77,7 @@ impl AttitudeMessages {
         true
     }
 
-    /// Writes zero torques and closed valves.
+    /// Writes commands of zero torques and closed valves.
     pub fn write_release(&mut self, now: Stamp) {
         let stamp: builtin_interfaces::Time = Time::from_nanos(now.as_nanos()).into();
         self.wheels.header.stamp = stamp.clone();
@@ -106,7 +106,7 @@ impl AttitudeMessages {
         state.angular_velocity = vector_to_msg(estimate.map_or(&zero, |e| &e.w_WB_B));
         state.gyro_bias = vector_to_msg(estimate.map_or(&zero, |e| &e.bias));
         if let Some(estimate) = estimate {
-            // Symmetric, so rows are columns.
+            // The matrix is symmetric: order of rows and columns does not matter.
             state.covariance.clear();
             state
                 .covariance

@@ -1,11 +1,11 @@
-//! The attitude node: gyro, star tracker, wheels and joints in, torques of wheels and on-times of thrusters out.
+//! The attitude node: computes wheel torques and thruster on-times from gyro, star tracker, wheels and joints.
 //!
-//! The node feeds an [`AttitudeLoop`] and publishes its output; filter, law, feed-forward, allocation, ages and fallbacks
-//! are those of [`control::attitude`](crate::control::attitude). It subscribes to nothing under `ground_truth/`. Wheels,
-//! thrusters and appendages are parameters of this node, too, so its model of the robot may differ from the simulated robot.
-//! Parameters below `/**` in a file are for both nodes.
+//! The node feeds an [`AttitudeLoop`] and publishes its output; filter, law, feed-forward, allocation, ages and
+//! fallbacks are in [`control::attitude`](crate::control::attitude). It does not subscribe to `ground_truth/`. Wheels,
+//! thrusters and appendages are parameters of this node as well as of the dynamics node, so its model of the robot may
+//! differ from the simulated robot. Parameters below `/**` in a file apply to both nodes.
 //!
-//! When the node is deactivated it commands zero torque and closed valves once, and then nothing.
+//! When it is deactivated, the node commands zero torque and closed valves once, and nothing afterwards.
 
 mod attitude_loop;
 mod health;
@@ -33,13 +33,13 @@ use health::{Health, Refusals};
 use inputs::Inputs;
 use law_monitor::LawMonitor;
 
-/// Silence of `imu` and `joint_states` that is worth a warning.
+/// Silence of `imu` and `joint_states` after which a warning is reported.
 const SILENCE: Duration = Duration::from_secs(1);
 
 /// The node's program.
 ///
 /// # Errors
-/// For wrong parameters, or when DDS refuses.
+/// For invalid parameters, or when DDS reports an error.
 pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let params = AttitudeParams::declare_live(&mut declare);
@@ -86,7 +86,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     }
 }
 
-/// Endpoints of a configured node, and its loop.
+/// Endpoints and attitude loop of a configured node.
 struct Work {
     description: RobotDescription,
     inputs: Inputs,
@@ -96,13 +96,13 @@ struct Work {
     health: Health,
     refusals: Refusals,
     law: LawMonitor,
-    /// Whether commands are given.
+    /// Whether the node is active: then it gives commands.
     is_active: bool,
-    /// Whether the last step gave no torque, which matters more than a refused message.
+    /// Whether the last step commanded zero torque, a problem that is reported with priority over refused messages.
     is_torque_zero: bool,
-    /// `None` before the robot is known.
+    /// `None` before a robot description has arrived.
     attitude: Option<(AttitudeLoop, AttitudeMessages)>,
-    /// The state that was answered last.
+    /// Stamp of the last answered state.
     answered: Option<Stamp>,
 }
 
@@ -124,7 +124,7 @@ impl Work {
         })
     }
 
-    /// Takes what has arrived, and answers the newest state if the node is active.
+    /// Takes received messages, and answers the newest state if the node is active.
     fn turn(&mut self, node: &Node, params: &AttitudeParams) -> Result<(), NodeError> {
         if let Some(robot) = self.description.changed() {
             match AttitudeLoop::new(params, &robot.model) {
@@ -161,7 +161,7 @@ impl Work {
                 messages.write_report(attitude, report);
                 self.state.publish(&messages.state);
             }
-            // Thrusters first: the wheels' command lets time go on in lockstep.
+            // Wheel commands come last: in lockstep they let time advance.
             if messages.write_commands(attitude, now) {
                 self.thrusters.publish(&messages.thrusters);
             }
@@ -180,7 +180,7 @@ impl Work {
         Ok(())
     }
 
-    /// Ends torques and closes valves, if the node has been active.
+    /// If the node was active: commands zero torques and closed valves.
     fn release(&mut self) {
         if !std::mem::take(&mut self.is_active) {
             return;

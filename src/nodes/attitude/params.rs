@@ -14,29 +14,29 @@ use crate::{
 /// Parameters of the attitude node; all but `law` are read once, at the start.
 #[derive(Debug, Clone)]
 pub struct AttitudeParams {
-    /// Parts of the robot that its description lacks: appendages, elastic joints, wheels, thrusters.
+    /// Parts of the robot that are not in its URDF: appendages, elastic joints, wheels, thrusters.
     pub flexible: FlexibleParams,
-    /// Law in force.
+    /// The active law.
     pub law: NamedLaw,
-    /// All laws with their settings, of which `law` selects one while the node runs.
+    /// All laws with their settings; `law` selects one of them while the node runs.
     pub laws: [NamedLaw; 3],
-    /// Postures besides that of the design that `hinf` covers.
+    /// Number of postures covered by `hinf` in addition to the design posture.
     pub hinf_postures: usize,
     /// Feed-forward, allocation and desaturation.
     pub regulator: RegulatorConfig,
-    /// Errors of the sensors.
+    /// Sensor error models.
     pub filter: AttitudeFilterConfig,
-    /// Ages of measurements.
+    /// Age limits of measurements.
     pub controller: AttitudeControllerConfig,
-    /// Reference until a message on `attitude_target`; `None` to hold the first attitude that is known.
+    /// Reference attitude until a message on `attitude_target`; `None` to hold the first known attitude.
     pub target: Option<UnitQuaternion<f64>>,
-    /// Whether every state is answered, with the samples of its own stamp.
+    /// Lockstep: whether every state is answered, using samples of its own stamp only.
     pub lockstep: bool,
     /// Whether the node configures and activates itself.
     pub autostart: bool,
 }
 
-/// A law with its settings, and its name in the parameter `law`.
+/// A law with its settings, and its value in the parameter `law`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NamedLaw {
     /// Its name.
@@ -65,12 +65,12 @@ impl AttitudeParams {
     /// Declares the parameters and reads them.
     ///
     /// # Errors
-    /// A line that names a parameter with its value, and what would be right.
+    /// A line that names a parameter, its value, and the allowed values.
     pub fn declare(declare: &mut Declare) -> Result<Self, String> {
         Ok(Self::declare_live(declare)?.0)
     }
 
-    /// The same with the parameter `law`, which may change while the node runs.
+    /// As [`Self::declare`], with the live parameter `law`, which may change while the node runs.
     pub(super) fn declare_live(declare: &mut Declare) -> Result<(Self, Param<String>), String> {
         let flexible = FlexibleParams::declare_with_packages(declare);
         let live = choice::declare(
@@ -321,7 +321,7 @@ impl AttitudeParams {
         if let &[x, y, z] = cover.as_slice() {
             double_loop.cover = Some([x, y, z]);
         }
-        // Wrong values have been reported by their declarations; the names are those of the list.
+        // Invalid values have been reported by their declarations; the names are from the list.
         let dvdfb =
             Dvdfb::new(matrix(&p), matrix(&d)).map_err(|e| format!("parameter dvdfb: {e}"))?;
         let laws = LAWS.map(|(name, law)| NamedLaw {
@@ -345,7 +345,7 @@ impl AttitudeParams {
             flexible: flexible?,
             law: laws[0],
             laws,
-            // Wrong values have been reported by the declaration.
+            // Invalid values have been reported by the declaration.
             hinf_postures: usize::try_from(hinf_postures).unwrap_or(0),
             regulator,
             filter,
@@ -358,14 +358,14 @@ impl AttitudeParams {
         Ok((Self { law, ..params }, live))
     }
 
-    /// The law with this name; the first one if there is none, which the declaration of `law` has reported.
+    /// The law called `name`; the first law if there is none, which the declaration of `law` has reported.
     pub(super) fn named(&self, name: &str) -> NamedLaw {
         let found = self.laws.iter().find(|law| law.name == name);
         *found.unwrap_or(&self.laws[0])
     }
 }
 
-/// A gain from three values, its diagonal, or nine by rows.
+/// A gain matrix from three values, its diagonal, or from nine values, row by row.
 fn matrix(values: &[f64]) -> Matrix3<f64> {
     match values.len() {
         9 => Matrix3::from_row_slice(values),

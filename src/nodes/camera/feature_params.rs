@@ -6,20 +6,20 @@ use crate::{
     vision::{BodyPoint, FeatureCameraConfig, Pinhole},
 };
 
-/// The features that the camera tracks, and how accurately.
+/// The tracked features, and the accuracy of tracking.
 #[derive(Debug, Clone)]
 pub struct FeatureParams {
     /// Name of the target.
     pub target: String,
-    /// Its feature points.
+    /// Its feature points in body axes.
     pub points: Vec<BodyPoint>,
-    /// Whether they are published as the truth, next to those that a tracker finds in the images.
+    /// Whether they are published as ground truth, because a tracker publishes features found in the images.
     pub is_truth: bool,
     /// Settings of camera and tracker.
     pub quality: FeatureCameraConfig,
 }
 
-/// Parameters of camera and tracker that may change while the node runs.
+/// Live parameters of camera and tracker, which may change while the node runs.
 pub(super) struct FeatureQuality {
     floats: [Param<f64>; 6],
     quantised: Param<bool>,
@@ -90,7 +90,7 @@ impl FeatureQuality {
         }
     }
 
-    /// The settings for an image of (width, height, focal length) pixels.
+    /// The current settings for an image of (width, height, focal length) pixels.
     pub(super) fn get(&self, image: (u32, u32, f64)) -> FeatureCameraConfig {
         let [rate, latency, dropout, noise, outliers, losses] =
             self.floats.each_ref().map(Param::get);
@@ -110,7 +110,7 @@ impl FeatureQuality {
     }
 
     pub(super) fn changed(&self) -> bool {
-        // Every handle must be asked, or it will report its change later.
+        // No short circuit: every handle must be queried, or it would report its change later.
         let floats = self.floats.iter().filter(|p| p.changed()).count();
         let others = [
             self.quantised.changed(),
@@ -122,10 +122,10 @@ impl FeatureQuality {
 }
 
 impl FeatureParams {
-    /// Declares the parameters and reads them; `None` without a target.
+    /// Declares and reads the parameters; `None` without a target.
     ///
     /// # Errors
-    /// A line with the parameter and why its mesh cannot be used.
+    /// A line that names the parameter, and says why its mesh cannot be used.
     pub(super) fn declare(
         declare: &mut Declare,
         image: (u32, u32, f64),
@@ -187,9 +187,9 @@ impl FeatureParams {
     }
 }
 
-/// The camera of an image of `width` by `height` pixels with the axis through its middle.
+/// The camera model for an image of `width` by `height` pixels, with the optical axis through its centre.
 pub fn pinhole((width, height, focal_length): (u32, u32, f64)) -> Pinhole {
-    // Pixel centres are at integers, so the middle of the image is at half the size less a half.
+    // Pixel centres have integer coordinates: the centre of the image is at (size - 1) / 2.
     Pinhole {
         fx: focal_length,
         fy: focal_length,

@@ -1,8 +1,8 @@
-//! The camera node: from the true state of the simulation to the measurements of a camera on the moving base.
+//! The camera node: simulates measurements of a camera on the moving base from the true state of the simulation.
 //!
-//! The node reads ground truth and turns it into measurements, so that controller and estimator need none. It publishes the
-//! poses of tip and goal in the base frame, and the feature points of a target in the image, with the rate, latency, noise
-//! and losses of its parameters. On request it renders images ([`images`]).
+//! The node reads ground truth, so that controller and estimator need none. It publishes the poses of tip and goal in
+//! the base frame, and the feature points of a target in the image, with the rate, latency, noise and losses set by its
+//! parameters. On request it renders images ([`images`]).
 
 mod feature_params;
 pub mod images;
@@ -36,13 +36,13 @@ use images::ImageTopics;
 use second_arm::SecondArm;
 use target::TargetTopics;
 
-/// Silence of `joint_states` that is worth a warning.
+/// Silence of `joint_states` after which a warning is reported.
 const SILENCE: Duration = Duration::from_secs(1);
 
 /// The node's program.
 ///
 /// # Errors
-/// For wrong parameters, or when DDS refuses.
+/// For invalid parameters, or when DDS reports an error.
 pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let params = CameraParams::declare_live(&mut declare);
@@ -91,7 +91,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
             if let Some(images) = &mut images {
                 images.add_state(stamp, &joints, &base);
             }
-            // A goal on a target moves with it.
+            // A goal on a target moves with the target.
             let X_WD = goal.map(|X_TD| X_WT * X_TD);
             match kinematics.show(&mut camera, stamp, &joints, &base, X_WD.as_ref()) {
                 Ok(X_WB) => {
@@ -119,7 +119,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// The robot with its positions at the last state.
+/// The robot with its joint positions at the last state.
 struct Kinematics {
     robot: Robot,
     workspace: Workspace,
@@ -137,7 +137,7 @@ impl Kinematics {
         }
     }
 
-    /// Shows the camera the true poses of one state, and returns the base's. Invalid messages are not shown.
+    /// Exposes the camera to the true poses of one state. Returns the base's pose. Invalid messages are refused.
     fn show(
         &mut self,
         camera: &mut PoseCamera,
@@ -169,18 +169,19 @@ struct Topics {
     joint_states: Subscription<sensor_msgs::JointState>,
     odometry: Subscription<nav_msgs::Odometry>,
     goal: Subscription<PoseStamped>,
-    /// Frame in which the goal is given.
+    /// Name of the frame in which the goal is given.
     goal_frame: String,
-    /// Odometry of the target that carries the goal.
+    /// Odometry of the target on which the goal is.
     carrier: Option<Subscription<nav_msgs::Odometry>>,
     tip_pose: Publisher<PoseStamped>,
     goal_pose: Publisher<PoseStamped>,
-    /// Of the camera that sees the features, unless its images are rendered: then it comes with them.
+    /// Calibration of the camera that sees the features; `None` if its images are rendered, since they come with a
+    /// calibration.
     _camera_info: Option<Publisher<sensor_msgs::CameraInfo>>,
     truth: StampPairs<Time, sensor_msgs::JointState, nav_msgs::Odometry>,
-    /// Those with the carrier's pose.
+    /// States paired with the pose of the target on which the goal is.
     carried: StampPairs<Time, (sensor_msgs::JointState, nav_msgs::Odometry), Pose>,
-    /// Frames of the last state, which are sent again if the state is.
+    /// Frames of the last state, published again if the state is repeated.
     last: Option<(Time, Vec<PoseFrame>)>,
     status: Status,
     goal_status: Status,
@@ -248,7 +249,7 @@ impl Topics {
         }
     }
 
-    /// The next state whose joint states and base pose have both arrived, and the pose of the goal's frame in the world.
+    /// The next state with joint states and base pose, and the pose of the goal's frame in the world.
     fn next_state(&mut self) -> Option<(Time, sensor_msgs::JointState, nav_msgs::Odometry, Pose)> {
         while let Some(received) = self.joint_states.take() {
             let stamp = Time::from(&received.message.header.stamp);
@@ -315,7 +316,7 @@ impl Topics {
     }
 }
 
-/// A measured pose in the base frame, exposed at `time` \[s\].
+/// A pose in the base frame, measured at `time` \[s\], as a message.
 pub fn pose_message(time: f64, base: &str, X: &Pose) -> PoseStamped {
     let stamp = Time::from_secs_f64(time).into();
     PoseStamped {
@@ -327,7 +328,7 @@ pub fn pose_message(time: f64, base: &str, X: &Pose) -> PoseStamped {
     }
 }
 
-/// The calibration of the camera of an image of (width, height, focal length) pixels.
+/// The calibration for an image of (width, height, focal length) pixels.
 pub fn calibration(image: (u32, u32, f64)) -> sensor_msgs::CameraInfo {
     let (width, height, f) = image;
     let Pinhole { cx, cy, .. } = pinhole(image);

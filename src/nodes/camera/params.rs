@@ -21,11 +21,11 @@ use crate::{
 pub struct CameraParams {
     /// Link whose frame is the tip.
     pub tip_link: String,
-    /// Goal in its frame, until another arrives on `goal_pose`.
+    /// Goal in its frame, until another one arrives on `goal_pose`.
     pub goal: Option<Isometry3<f64>>,
-    /// Target that carries the goal; `None` is the world.
+    /// Target on which the goal is; `None` for a goal in the world.
     pub goal_target: Option<String>,
-    /// Link whose frame is the tip of a second arm; empty if there is none.
+    /// Link whose frame is the tip of a second arm; empty without one.
     pub second_tip_link: String,
     /// Goal of the second tip in the world.
     pub second_goal: Option<Isometry3<f64>>,
@@ -42,7 +42,7 @@ pub struct CameraParams {
 /// The frame of a goal that does not move with a target.
 pub const WORLD: &str = "world";
 
-/// Parameters of accuracy and timing, which may change while the node runs.
+/// Live parameters of accuracy and timing.
 pub(super) struct Quality {
     rate: Param<f64>,
     latency: Param<f64>,
@@ -52,7 +52,7 @@ pub(super) struct Quality {
     seed: Param<i64>,
 }
 
-/// All parameters that may change while the node runs.
+/// All live parameters, which may change while the node runs.
 pub(super) struct LiveParams {
     pub quality: Quality,
     pub tracking: FeatureQuality,
@@ -103,22 +103,22 @@ impl Quality {
             &self.position_noise,
             &self.attitude_noise,
         ];
-        // Every handle must be asked, or it will report its change later.
+        // No short circuit: every handle must be queried, or it would report its change later.
         let changed = floats.iter().filter(|p| p.changed()).count();
         changed > 0 || self.dropout.changed() || self.seed.changed()
     }
 }
 
 impl CameraParams {
-    /// Distortion of the lens of the main camera, if it has images.
+    /// Lens distortion of the main camera; `None` if its images are not rendered.
     pub fn lens(&self) -> Option<Distortion> {
         self.images.as_ref().and_then(ImageParams::main_lens)
     }
 
-    /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
+    /// Declares and reads the parameters. The caller must call `declare.finish`.
     ///
     /// # Errors
-    /// A line that names the parameter whose values contradict each other.
+    /// A line that names the parameter with contradictory values.
     pub fn declare(declare: &mut Declare) -> Result<Self, String> {
         Self::declare_live(declare).map(|(params, _)| params)
     }

@@ -10,7 +10,7 @@ use crate::{
     vision::{PoseCamera, PoseCameraConfig},
 };
 
-/// The second tip's camera and endpoints; does nothing if there is no second arm.
+/// Camera and endpoints of the second tip; does nothing without a second arm.
 pub struct SecondArm {
     arm: Option<Arm>,
 }
@@ -23,7 +23,7 @@ struct Arm {
     goal_pose: Publisher<PoseStamped>,
 }
 
-/// The camera's settings for the second tip: those for the first, with another seed.
+/// The camera settings of the second tip: those of the first with another seed.
 pub fn second_camera(quality: PoseCameraConfig) -> PoseCameraConfig {
     PoseCameraConfig {
         seed: quality.seed.wrapping_add(1),
@@ -57,7 +57,7 @@ impl SecondArm {
         }
     }
 
-    /// Shows the camera the last state of `kinematics`, and publishes the frames that it delivers.
+    /// Exposes the camera to the last state of `kinematics`, and publishes the frames that are due.
     pub fn measure(&mut self, kinematics: &Kinematics, stamp: Time, X_WB: &Pose, status: &Status) {
         let Some(arm) = &mut self.arm else {
             return;

@@ -1,4 +1,4 @@
-//! The camera node's endpoints for the target whose features it tracks.
+//! Endpoints of the camera node for the target whose features are tracked.
 
 use super::target_camera::{CAMERA_FRAME, TargetCamera};
 use crate::{
@@ -23,7 +23,7 @@ pub struct TargetTopics {
 }
 
 impl TargetTopics {
-    /// Endpoints for the target that `camera` sees.
+    /// Endpoints for the target of `camera`.
     ///
     /// # Errors
     /// When the node cannot subscribe or publish.
@@ -42,7 +42,7 @@ impl TargetTopics {
         })
     }
 
-    /// Adds the camera's pose in the world.
+    /// Adds the camera's pose in the world at `stamp`.
     pub fn camera_at(&mut self, stamp: Time, X_WC: Result<Pose, String>) {
         match X_WC {
             Ok(X_WC) => self.truth.push_first(stamp, X_WC),
@@ -50,7 +50,7 @@ impl TargetTopics {
         }
     }
 
-    /// Shows the camera every state whose two poses have arrived, and publishes the frames that it delivers.
+    /// Exposes the camera to every state for which both poses have arrived, and publishes the frames that are due.
     pub fn track(&mut self, camera: &mut TargetCamera) {
         while let Some(received) = self.odometry.take() {
             let message = received.message;

@@ -1,4 +1,4 @@
-//! The feature camera for a target.
+//! The camera that tracks the features of a target.
 
 use fuyu_render::Distortion;
 
@@ -18,13 +18,13 @@ pub const CAMERA_FRAME: &str = "camera_optical_frame";
 pub struct TargetCamera {
     /// The target's name.
     pub target: String,
-    /// Whether its features are published as the truth, next to those of a tracker.
+    /// Whether its features are published as ground truth, because a tracker publishes measured ones.
     pub is_truth: bool,
     camera: FeatureCamera,
 }
 
 impl TargetCamera {
-    /// With the target and settings of the parameters.
+    /// A camera with the target and settings in `params`.
     pub fn new(params: &FeatureParams) -> Self {
         Self {
             target: params.target.clone(),
@@ -33,7 +33,7 @@ impl TargetCamera {
         }
     }
 
-    /// The same with a distorting lens.
+    /// Adds a distorting lens.
     #[must_use]
     pub fn with_lens(self, lens: Option<Distortion>) -> Self {
         let Some(lens) = lens.filter(|lens| *lens != Distortion::None) else {
@@ -61,24 +61,24 @@ impl TargetCamera {
         self.camera.set_config(config);
     }
 
-    /// Shows the camera, at pose `X_WC` in the world, the target at pose `X_WT` at `time` \[s\].
+    /// Exposes the camera, at pose `X_WC` in the world, to the target at pose `X_WT` at `time` \[s\].
     pub fn show(&mut self, time: f64, X_WC: &Pose, X_WT: &Pose) {
         self.camera.show(time, &(X_WC.inverse() * X_WT));
     }
 
-    /// The next frame that is delivered at `time` \[s\].
+    /// The next frame that is due at `time` \[s\].
     pub fn deliver(&mut self, time: f64) -> Option<FeatureFrame> {
         self.camera.deliver(time)
     }
 
-    /// Frames lost so far.
+    /// Number of frames lost so far.
     pub fn lost(&self) -> u64 {
         self.camera.lost()
     }
 }
 
-/// Where a lens shows the point `[x, y]` of the plane at distance 1; `None` beyond the range of the lens, where its polynomial
-/// folds back to places at which the lens shows another point.
+/// The distorted image of the point `[x, y]` in the plane at distance 1; `None` outside the valid range of the lens,
+/// where the distortion polynomial folds back onto the images of other points.
 fn seen(lens: &Distortion, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
     let shown = lens.distort([x, y]);
     let [u, v] = lens.undistort(shown)?;
@@ -88,7 +88,7 @@ fn seen(lens: &Distortion, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
 /// The camera's optical frame on a robot.
 ///
 /// # Errors
-/// When the robot has no such link.
+/// If the robot has no such link.
 pub fn camera_frame(model: &Model) -> Result<&Frame, String> {
     model.frame(CAMERA_FRAME).ok_or_else(|| {
         format!(
@@ -102,7 +102,7 @@ pub fn camera_frame(model: &Model) -> Result<&Frame, String> {
 mod tests {
     use super::*;
 
-    // The polynomial folds a point at 58 degrees to where the lens shows one at 22. Fails if it is seen there.
+    // The polynomial folds a point at 58 degrees onto the image of a point at 22 degrees. Fails if it is seen there.
     #[test]
     fn points_beyond_the_range_of_a_lens_are_not_seen() {
         let lens = Distortion::PlumbBob([-0.3, 0.0, 0.0, 0.0, 0.0]);

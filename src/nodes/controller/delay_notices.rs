@@ -1,21 +1,21 @@
-//! Log messages of the controller node about the delay of its efforts.
+//! Delay notices: log messages on the measured delay of the controller's efforts.
 
 use crate::{
     control::{DelayStatus, LoopReport, Stamp},
     ros::{Node, NodeName},
 };
 
-/// Simulated time without measured delays that is worth a warning \[s\].
+/// Simulated time without measured delays after which a warning is logged \[s\].
 const PATIENCE: f64 = 3.0;
 
-/// Logs when the compensation of the delay begins, and when it is refused, once each time.
+/// Logs once each time that delay compensation begins or is refused.
 #[derive(Debug)]
 pub(super) struct DelayNotices {
     node: NodeName,
     is_compensated: bool,
     is_refused: bool,
     has_warned: bool,
-    /// Stamp of the first state without measured delays.
+    /// Stamp of the first state since which no delay has been measured.
     waits_since: Option<Stamp>,
 }
 
@@ -30,7 +30,7 @@ impl DelayNotices {
         }
     }
 
-    /// Follows a step. Returns a problem of the delay, which is published on `topic`.
+    /// Processes the report of a control step. Returns a problem with the delays, which are measured on `topic`.
     pub(super) fn follow(&mut self, report: &LoopReport, topic: &str) -> Option<String> {
         let node = &self.node;
         if report.delay != DelayStatus::Measuring {

@@ -1,13 +1,13 @@
-//! Diagnostics of the controller node about each step.
+//! Diagnostics of the controller node, updated at each control step.
 
 use crate::{
     control::{ControlMode, InputStatus, LoopReport},
     ros::{Node, Status},
 };
 
-/// The parts `control` and `gyro`.
+/// The statuses `control` and `gyro`.
 pub(super) struct Health {
-    /// What drives the arm, and what is wrong with the inputs.
+    /// Control mode of the arm, and problems with the inputs.
     pub control: Status,
     gyro: Status,
 }
@@ -25,7 +25,7 @@ impl Health {
         }
     }
 
-    /// Reports a step; `timeout` is `measurement_timeout` \[s\].
+    /// Reports a control step; `timeout` is the parameter `measurement_timeout` \[s\].
     pub(super) fn report(&self, report: &LoopReport, timeout: f64) {
         self.report_control(report, timeout);
         const FALLBACK: &str = "the base's rate is computed for zero angular momentum";

@@ -1,4 +1,4 @@
-//! The controller node's subscriptions, which feed its control loop.
+//! Subscriptions of the controller node, which feed its control loop.
 
 use std::time::Duration;
 
@@ -20,7 +20,7 @@ use crate::{
 
 pub(super) struct Inputs {
     joint_states: Subscription<JointState>,
-    /// Camera measurements, by tip.
+    /// Camera measurements of each tip.
     tips: Vec<TipTopics>,
     imu: Subscription<Imu>,
     target_rate: Subscription<Vector3Stamped>,
@@ -62,8 +62,9 @@ impl Inputs {
         })
     }
 
-    /// Passes everything that has arrived to the loop, joint states first: they start another run when time jumps back,
-    /// and determine which stamps are too far in the future. Inputs that the loop refuses are reported in `status`.
+    /// Passes received messages to the control loop. Joint states come first: they start a new run when time jumps
+    /// back, and limit how far in the future other stamps may be. Inputs that the loop refuses are reported in
+    /// `status`.
     pub(super) fn feed(&self, control_loop: &mut ControlLoop, status: &Status) {
         while let Some(received) = self.joint_states.take() {
             let message = received.message;
@@ -104,7 +105,7 @@ impl Inputs {
         }
         while let Some(received) = self.target_rate.take() {
             let header = &received.message.header;
-            // The rate is in the axes of a camera, which are known only for a camera on the base.
+            // The rate is given in camera axes, whose attitude in the base is known only for a camera on the base.
             let model = control_loop.controller().model();
             let camera = model.frame(&header.frame_id).filter(|f| f.body == 0);
             if let Some(R_BC) = camera.map(|camera| camera.X_BF.rotation) {
@@ -115,12 +116,12 @@ impl Inputs {
         }
     }
 
-    /// Topic of the delays, if they are compensated.
+    /// Topic of the delays; empty if they are not compensated.
     pub(super) fn delay_topic(&self) -> &str {
         self.command_delay.as_ref().map_or("", |s| s.topic())
     }
 
-    /// Time since the last joint state, if longer than `limit`, and the topic's name.
+    /// Time since the last joint state and the name of its topic, if the time is longer than `limit`.
     pub(super) fn silence(&self, limit: Duration) -> Option<(Duration, &str)> {
         let age = self.joint_states.age().filter(|age| *age > limit)?;
         Some((age, self.joint_states.topic()))
@@ -137,7 +138,7 @@ fn warn_if_refused(added: Result<(), InputError>, topic: &str, status: &Status) 
     }
 }
 
-/// Calls `add` for every valid pose that has arrived; others are reported.
+/// Calls `add` for every valid pose received; invalid ones are reported.
 fn each_pose(
     topic: &Subscription<PoseStamped>,
     status: &Status,

@@ -10,17 +10,17 @@ use crate::{
     ros::Time,
 };
 
-/// Age that is published when nothing has been measured yet \[s\].
+/// Age that is published if nothing has been measured yet \[s\].
 const NEVER: f64 = 1e9;
 
-/// Position and attitude error of the tip \[m, rad\] in a message of the controller; `None` if nothing had been measured, which
-/// the message shows by zeros.
+/// Position and attitude error of the tip \[m, rad\] in a message of the controller; `None` if nothing was measured,
+/// which the message represents by zeros.
 pub fn measured_errors(state: &ControllerState) -> Option<(f64, f64)> {
     let errors = (state.position_error_norm, state.attitude_error_angle);
     (errors != (0.0, 0.0)).then_some(errors)
 }
 
-/// The two messages of a controller. They are kept from step to step, so that joint names are copied only once.
+/// The two messages of a controller, reused at each step so that joint names are copied only once.
 #[derive(Debug, Clone)]
 pub struct ControllerMessages {
     /// Efforts to apply, stamped with the joint state that they answer.
@@ -52,7 +52,8 @@ impl ControllerMessages {
         }
     }
 
-    /// Writes the last step of `control_loop`, whose report is `report`. If the law gave no efforts, `state` is unchanged.
+    /// Writes the results of the last step of `control_loop`, reported by `report`. `state` is unchanged if the law
+    /// gave no efforts.
     pub fn write(&mut self, control_loop: &ControlLoop, report: &LoopReport) {
         let stamp: builtin_interfaces::Time = Time::from_nanos(report.stamp.as_nanos()).into();
         let efforts = control_loop.efforts().as_slice();
@@ -90,7 +91,7 @@ impl ControllerMessages {
     }
 }
 
-/// Position and orientation error, the position error's norm \[m\] and the angle of rotation \[rad\]; zero without a
+/// Position and orientation error, norm of the position error \[m\], and rotation angle \[rad\]; zero without a
 /// measurement.
 fn deviation(error: Option<&PoseError>) -> (Vector3, Vector3, f64, f64) {
     error.map_or_else(Default::default, |error| {

@@ -1,7 +1,8 @@
-//! The controller node: joint states and camera measurements in, joint efforts out.
+//! The controller node: computes joint efforts from joint states and camera measurements.
 //!
-//! The node feeds a [`ControlLoop`] and publishes its output; the loop does pairing, ages, timeouts and fallbacks. The node
-//! does not know the base's pose in the world: it subscribes to nothing under `ground_truth/`, nor to `/tf`.
+//! The node feeds a [`ControlLoop`] and publishes its output; the loop handles pairing of measurements, ages, timeouts
+//! and fallbacks. The node does not use the base's pose in the world: it subscribes neither to `ground_truth/` nor to
+//! `/tf`.
 
 mod delay_notices;
 mod health;
@@ -29,13 +30,13 @@ use health::Health;
 use inputs::Inputs;
 use params::Live;
 
-/// Silence of `joint_states` that is worth a warning.
+/// Silence of `joint_states` after which a warning is reported.
 const SILENCE: Duration = Duration::from_secs(1);
 
 /// The node's program.
 ///
 /// # Errors
-/// For wrong parameters, or when DDS refuses.
+/// For invalid parameters, or when DDS reports an error.
 pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let (params, mut live) = ControllerParams::declare_live(&mut declare);
@@ -66,7 +67,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     }
 }
 
-/// Endpoints of a configured node, and its control loop.
+/// Endpoints and control loop of a configured node.
 struct Work {
     description: RobotDescription,
     inputs: Inputs,
@@ -74,7 +75,7 @@ struct Work {
     state: Publisher<ControllerState>,
     health: Health,
     delays: DelayNotices,
-    /// `None` before the robot is known.
+    /// `None` before a robot description has arrived.
     robot: Option<ControlledRobot>,
 }
 
@@ -100,7 +101,7 @@ impl Work {
         })
     }
 
-    /// Takes messages that have arrived, and answers the joint states that are due.
+    /// While the node is active: takes received messages, and answers joint states with efforts.
     fn turn(
         &mut self,
         node: &Node,
@@ -163,7 +164,7 @@ impl Work {
         Ok(())
     }
 
-    /// Takes messages that have arrived without answering them: the node is not active.
+    /// While the node is inactive: takes received messages without answering them.
     fn ignore(&mut self) {
         if let Some(robot) = &mut self.robot {
             (self.inputs).feed(&mut robot.control_loop, &self.health.control);

@@ -1,8 +1,9 @@
-//! Commands of wheels and thrusters: the topics `wheel_commands` and `thruster_commands`.
+//! Inputs of wheel and thruster commands: the topics `wheel_commands` and `thruster_commands`.
 //!
-//! A wheel's torque is held until the next command and becomes zero when commands end, as joint efforts do. A thruster is on
-//! for the time in its command, which replaces the remaining time of an earlier command. In lockstep with `wheel_commands`
-//! in `lockstep_on`, a state waits for the wheel command that carries its stamp.
+//! A wheel torque is held until the next command; after `command_timeout` without a command it becomes zero, as joint
+//! efforts do. A thruster stays on for the time in its command, which replaces the remaining time of an earlier
+//! command. In lockstep, if `lockstep_on` contains `wheel_commands`, every state waits for the wheel command that
+//! carries its stamp.
 
 use super::{
     motions::Refusals, params::DynamicsParams, simulation::Simulation, step_status::StepStatus,
@@ -21,7 +22,7 @@ const LONGEST: f64 = 1e6;
 /// Largest wheel torque in a command \[N m\].
 const LARGEST: f64 = 1e6;
 
-/// Most messages that are handled before time is looked at again.
+/// Maximum number of messages per topic that one call of [`take`] handles, so that a flood cannot stall simulated time.
 const MAX_MESSAGES: usize = 64;
 
 /// Endpoints of wheel and thruster commands.
@@ -32,18 +33,18 @@ pub struct ActuatorInputs {
     thrusters: Option<Subscription<ThrusterCommands>>,
     refusals: Refusals,
     status: StepStatus,
-    /// Age of the last wheel command above which torques are zero \[s\]; infinite in lockstep.
+    /// Age of the last wheel command above which wheel torques become zero \[s\]; infinite in lockstep.
     timeout: f64,
-    /// Simulated time at which the last wheel command arrived \[s\].
+    /// Simulated time at which the last wheel command was applied \[s\].
     last: Option<f64>,
-    /// Whether every state waits for a wheel command.
+    /// Lockstep: whether every state waits for a wheel command.
     is_awaited: bool,
-    /// Whether the present state has its wheel command.
+    /// Whether a wheel command has answered the current state.
     is_answered: bool,
 }
 
 impl ActuatorInputs {
-    /// Subscribes, if the robot has wheels or thrusters.
+    /// Subscribes to the commands; `None` for a robot without wheels and thrusters.
     ///
     /// # Errors
     /// When the node cannot subscribe.
@@ -89,13 +90,13 @@ impl ActuatorInputs {
         !self.is_awaited || self.is_answered
     }
 
-    /// Known reasons for a command that does not arrive; `None` if no command is awaited.
+    /// Why an awaited wheel command is missing; `None` if no command is awaited.
     pub fn waits_for(&self) -> Option<String> {
         let topic = self.wheels.as_ref()?.topic();
         (!self.may_advance()).then(|| format!("no command with its stamp has arrived on {topic}"))
     }
 
-    /// The present state waits for its command.
+    /// A new state was published: it has no wheel command yet.
     pub fn expect(&mut self) {
         self.is_answered = false;
     }
@@ -110,7 +111,7 @@ impl ActuatorInputs {
         while (self.thrusters.as_ref()).is_some_and(|topic| topic.take().is_some()) {}
     }
 
-    /// Time or state is reset: no command has been given yet.
+    /// Resets after time or state was reset: drops pending messages and forgets the last command.
     pub fn restart(&mut self) {
         self.discard();
         self.last = None;
@@ -141,7 +142,7 @@ impl ActuatorInputs {
     }
 }
 
-/// Applies the commands that wait. Outside lockstep the world is first stepped to the simulated time `now` \[s\].
+/// Applies pending commands. Outside lockstep the world is first stepped to the simulated time `now` \[s\].
 pub fn take(simulation: &mut Simulation, now: f64) {
     for _ in 0..MAX_MESSAGES {
         let Some(inputs) = &simulation.actuator_inputs else {
@@ -190,7 +191,7 @@ pub fn take(simulation: &mut Simulation, now: f64) {
     }
 }
 
-/// Values for parts of the robot.
+/// Values that `read` finds for wheels or thrusters of the robot.
 fn of_names<T>(
     world: &World,
     read: impl FnOnce(&FlexibleSystem) -> Result<T, String>,

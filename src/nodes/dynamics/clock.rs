@@ -1,37 +1,37 @@
-//! The simulation's clock: stopped, playing or paused; whether and when simulated time may advance.
+//! The simulation's clock: whether simulated time is stopped, playing or paused, and when the next state is due.
 
 use std::time::{Duration, Instant};
 
 use super::{params::DynamicsParams, real_time_pacing::RealTimePacing};
 
-/// State of simulated time without requests for single steps.
+/// Phase of simulated time; requests for single steps are handled separately.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
-    /// It stands still at the start.
+    /// Not started: time stands still.
     Stopped,
-    /// It advances.
+    /// Time advances.
     Playing,
-    /// It stands still.
+    /// Time stands still.
     Paused,
 }
 
-/// Decides whether simulated time may advance, and maps it to the computer's clock. It does not hold the time itself:
-/// that is the world's.
+/// Decides whether simulated time may advance, and maps simulated time to the computer's clock. The simulated time
+/// itself is stored in the world.
 #[derive(Debug)]
 pub struct SimulationClock {
     phase: Phase,
     start_on_command: bool,
-    /// Whether time need not wait for a first command any more.
+    /// Whether time no longer waits for a first command.
     is_released: bool,
     /// Simulated time at which playing ends \[s\]; zero is never.
     duration: f64,
     pacing: RealTimePacing,
-    /// Whether time has advanced without interruption since the pacing was started.
+    /// Whether time has advanced without interruption since pacing was started.
     is_running: bool,
 }
 
 impl SimulationClock {
-    /// The clock as the parameters describe it.
+    /// The clock as configured by the parameters.
     pub fn new(params: &DynamicsParams) -> Self {
         let phase = match params.start_paused {
             true => Phase::Paused,
@@ -72,23 +72,23 @@ impl SimulationClock {
         self.duration > 0.0 && time >= self.duration - 1e-9
     }
 
-    /// Whether time need not wait for a first command any more.
+    /// Whether time no longer waits for a first command.
     pub fn is_released(&self) -> bool {
         self.is_released
     }
 
-    /// A command has arrived, or a step was requested: time need not wait for a first command any more.
+    /// Ends the wait for a first command: a command has arrived, or a step was requested.
     pub fn release(&mut self) {
         self.is_released = true;
     }
 
-    /// Time begins again: it waits for a first command if it did at the start.
+    /// Resets for a new run: with `start_on_command`, time waits for a first command again.
     pub fn restart(&mut self) {
         self.is_released = !self.start_on_command;
         self.is_running = false;
     }
 
-    /// Time advances from `time` \[s\] on. Starts the pacing unless it runs.
+    /// Lets time advance from `time` \[s\]. Starts pacing unless it is already running.
     pub fn run(&mut self, time: f64) {
         if !self.is_running {
             self.is_running = true;
@@ -96,7 +96,7 @@ impl SimulationClock {
         }
     }
 
-    /// Time stands still: its pacing starts again when it advances.
+    /// Time stands still: pacing starts again when time advances.
     pub fn interrupt(&mut self) {
         self.is_running = false;
     }
@@ -106,7 +106,7 @@ impl SimulationClock {
         self.is_running
     }
 
-    /// When the simulated `time` \[s\] is due, as [`RealTimePacing::instant`].
+    /// Instant at which the simulated `time` \[s\] is due, as [`RealTimePacing::instant`].
     pub fn due(&mut self, time: f64) -> Instant {
         self.pacing.instant(time)
     }
@@ -116,13 +116,13 @@ impl SimulationClock {
         self.pacing.time(instant)
     }
 
-    /// About once a second: the real time factor achieved up to `time` \[s\].
+    /// The real time factor achieved up to `time` \[s\], about once a second; otherwise `None`.
     pub fn achieved(&mut self, time: f64) -> Option<f64> {
         self.pacing.achieved(time)
     }
 }
 
-/// How long a wait that began at `since` has lasted, in whole seconds, if that is worth a warning.
+/// Duration of a wait that began at `since`, in whole seconds; `None` up to one second, which needs no warning.
 pub fn long_wait(since: Instant) -> Option<u64> {
     let waited = since.elapsed();
     (waited > Duration::from_secs(1)).then_some(waited.as_secs())

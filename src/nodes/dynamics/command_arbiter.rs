@@ -1,4 +1,4 @@
-//! Command arbiter: one commander at a time.
+//! Command arbiter: only one commander at a time controls the robot's joints.
 
 use std::time::{Duration, Instant};
 
@@ -9,15 +9,16 @@ use crate::ros::Gid;
 pub enum Commander {
     /// A publisher of a topic.
     Publisher(Gid),
-    /// The clients of the action `follow_joint_trajectory`: a goal of one replaces that of another.
+    /// The clients of the action `follow_joint_trajectory`, as one commander: a goal of one client replaces that of
+    /// another.
     Action,
 }
 
-/// Reserves the robot for the commander that holds it, until that commander has left the graph or has been silent for
-/// too long. During a motion, which needs no further messages, silence does not count.
+/// Reserves the robot for one commander, the holder, until the holder leaves the graph or is silent for longer than the
+/// timeout. While a motion is executed, silence does not count, since a motion needs no further messages.
 ///
-/// A publisher is known by its GUID, not by the name of its node: a second controller of the same name is another
-/// publisher.
+/// A publisher is identified by its GUID, not by its node's name: a second controller of the same name is a different
+/// commander.
 #[derive(Debug)]
 pub struct CommandArbiter {
     holder: Option<Commander>,
@@ -29,7 +30,7 @@ pub struct CommandArbiter {
 }
 
 impl CommandArbiter {
-    /// Nobody holds the robot; a commander that is silent for `timeout` loses it.
+    /// An arbiter without a holder; a holder that is silent for `timeout` loses the robot.
     pub fn new(timeout: Duration) -> Self {
         Self {
             holder: None,
@@ -39,8 +40,8 @@ impl CommandArbiter {
         }
     }
 
-    /// Decides whether a valid command may act; if so, its commander holds the robot. `is_present` says whether a
-    /// publisher is still in the graph.
+    /// Decides whether a valid command is admitted; if so, its commander becomes the holder. `is_present` says whether
+    /// a publisher is still in the graph.
     pub fn admit(&mut self, commander: Commander, is_present: impl Fn(Gid) -> bool) -> bool {
         if !self.is_free_for(commander, is_present) {
             return false;
@@ -51,12 +52,12 @@ impl CommandArbiter {
         true
     }
 
-    /// The last command begins a motion.
+    /// The holder's last command has begun a motion.
     pub fn begin_motion(&mut self) {
         self.is_moving = true;
     }
 
-    /// The motion is over: others may command at once.
+    /// The motion is over: the robot is free for others at once.
     pub fn end_motion(&mut self) {
         if self.is_moving {
             self.release();
@@ -68,7 +69,7 @@ impl CommandArbiter {
         self.is_moving
     }
 
-    /// Whether a command would be admitted.
+    /// Whether a command of `commander` would be admitted.
     pub fn is_free_for(&self, commander: Commander, is_present: impl Fn(Gid) -> bool) -> bool {
         let is_present = |holder| match holder {
             Commander::Publisher(publisher) => is_present(publisher),
@@ -80,7 +81,7 @@ impl CommandArbiter {
         })
     }
 
-    /// Who holds the robot.
+    /// The commander that holds the robot.
     pub fn holder(&self) -> Option<Commander> {
         self.holder
     }
@@ -140,9 +141,9 @@ mod tests {
         arbiter.begin_motion();
         arbiter.last_command -= Duration::from_secs(1);
         assert!(!arbiter.admit(Commander::Action, present));
-        // Who publishes once and leaves has no claim.
+        // A publisher that publishes once and leaves the graph does not keep the robot.
         assert!(arbiter.admit(Commander::Action, |_| false));
-        // Without a motion the end of one frees nobody's robot.
+        // `end_motion` without a motion does not release the holder.
         arbiter.end_motion();
         assert_eq!(arbiter.holder(), Some(Commander::Action));
     }

@@ -1,4 +1,4 @@
-//! Command handling: messages on `joint_commands` are validated, admitted and applied to the world.
+//! Command handling: validates messages on `joint_commands`, admits them by the command arbiter, and applies them.
 
 use std::time::{Duration, Instant};
 
@@ -17,15 +17,15 @@ use crate::{
     ros::{Gid, Node, NodeError, Publisher, Received, Subscription, Time},
 };
 
-/// How long diagnostics report a refused command while commands of another publisher act.
+/// How long diagnostics keep reporting a refused command while commands of another publisher are applied.
 const REFUSAL_SHOWN: Duration = Duration::from_secs(5);
 
-/// Delay of an answer, in periods, above which it counts as late: the law may be stable with that of one period.
+/// Delay of an answer, in periods, above which it counts as late: a delay of one period is often tolerable for the law.
 const LATE_PERIODS: f64 = 1.5;
-/// Consecutive late answers that are worth a warning.
+/// Number of consecutive late answers after which a warning is logged.
 const LATE_ANSWERS: u32 = 20;
 
-/// Receives commands, decides which of them act, and tracks which states they answer.
+/// Receives commands, decides which of them are applied, and tracks which states they answer.
 pub struct CommandHandler {
     node: Node,
     commands: Subscription<JointState>,
@@ -34,15 +34,15 @@ pub struct CommandHandler {
     responses: ResponseTracker,
     status: StepStatus,
     lockstep: bool,
-    /// Whether every state waits for a command.
+    /// Lockstep: whether every state waits for a command.
     is_awaited: bool,
     /// Age of the last command above which the robot is halted \[s\].
     timeout: f64,
-    /// Publishes how late answers act; `None` where time waits for them.
+    /// Publishes the delay of answers; `None` in lockstep, or if simulated time waits for answers (`answer_timeout`).
     delays: Option<Publisher<Float64>>,
     /// Time between two states \[s\].
     period: f64,
-    /// Consecutive answers that acted more than a period after their state.
+    /// Consecutive answers that acted later than [`LATE_PERIODS`] after their state.
     late_in_a_row: u32,
     /// Whether late answers have been logged.
     has_logged_delay: bool,
@@ -50,9 +50,9 @@ pub struct CommandHandler {
     last_command: Option<f64>,
     refused: u64,
     refused_at: Option<Instant>,
-    /// Why the last command was refused, if none has acted since.
+    /// Why the last command was refused, if none was applied since.
     refusal: Option<String>,
-    /// Lockstep: the last refused command that answers the present state, of a publisher that may yet get the robot.
+    /// Lockstep: the last refused command that answers the current state; it is retried once the robot is free.
     set_aside: Option<Received<JointState>>,
 }
 
@@ -63,7 +63,7 @@ impl CommandHandler {
     /// When the node cannot subscribe.
     pub fn new(node: &Node, params: &DynamicsParams) -> Result<Self, NodeError> {
         let commands = topics::JOINT_COMMANDS.subscribe(node)?;
-        // Messages of one publisher must not crowd out those of another.
+        // The queue keeps messages per publisher, so that one publisher cannot crowd out another.
         commands.separate_publishers();
         let mut status = StepStatus::new(node.diagnostics().status("commands"));
         status.warn(format!(
@@ -98,9 +98,9 @@ impl CommandHandler {
         })
     }
 
-    /// The next received command that may act at the simulated time `now` \[s\]. Commands that answer a state of the
-    /// previous run are dropped; in lockstep also those that arrive after the answer to the present state. `is_present`
-    /// says whether a publisher of another topic is still in the graph.
+    /// The next received command that may be applied at the simulated time `now` \[s\]. Drops commands that answer a
+    /// state of the previous run, and in lockstep also those that arrive after the current state was answered.
+    /// `is_present` says whether a publisher of another topic is still in the graph.
     pub fn next(
         &mut self,
         now: f64,
@@ -123,8 +123,8 @@ impl CommandHandler {
         })
     }
 
-    /// Decides whether a command may act on the world: whether it is valid, and from the commander that holds the
-    /// robot. Otherwise it is refused. `is_present` says whether a publisher of another topic is still in the graph.
+    /// Decides whether a command is applied: it must be valid and its commander must hold the robot or get it.
+    /// Otherwise the command is refused. `is_present` says whether a publisher of another topic is still in the graph.
     pub fn admit(
         &mut self,
         received: &Received<JointState>,
@@ -138,7 +138,7 @@ impl CommandHandler {
         let commander = Commander::Publisher(received.publisher);
         if let Err(problem) = self.engage(commander, world, is_present) {
             self.refuse(format!("it is {problem}"));
-            // Its publisher has answered this state and will not do so again.
+            // Its publisher has answered this state already and will not repeat the command.
             if self.lockstep && stamp_of(received) == Time::from_secs_f64(world.time()) {
                 self.set_aside = Some(received.clone());
             }
@@ -147,7 +147,7 @@ impl CommandHandler {
         true
     }
 
-    /// Applies an admitted command to the world at its present time.
+    /// Applies an admitted command to the world at the current time.
     pub fn apply(&mut self, received: &Received<JointState>, world: &mut World) {
         let Ok(command) = self.reader.read(&received.message, world.robot.model()) else {
             return;
@@ -182,7 +182,7 @@ impl CommandHandler {
         }
     }
 
-    /// A line if the answers have acted late for a while; logged once.
+    /// A warning if answers have been late for a while; logged once.
     fn delay_problem(&mut self) -> Option<String> {
         let delay = self.responses.delay().as_secs_f64();
         self.late_in_a_row = match delay > LATE_PERIODS * self.period {
@@ -207,7 +207,7 @@ impl CommandHandler {
         Some(problem)
     }
 
-    /// Known reasons for a command that does not arrive.
+    /// Why an awaited command is missing.
     pub fn waits_for(&self) -> String {
         let topic = self.commands.topic();
         match (&self.refusal, self.arbiter.holder()) {
@@ -226,8 +226,8 @@ impl CommandHandler {
         }
     }
 
-    /// Refuses a commander while another one has the robot. `is_present` says whether a publisher of a topic other than
-    /// `joint_commands` is still in the graph.
+    /// Checks that the commander holds the robot or could get it. `is_present` says whether a publisher of a topic
+    /// other than `joint_commands` is still in the graph.
     ///
     /// # Errors
     /// As [`Self::engage`].
@@ -243,12 +243,12 @@ impl CommandHandler {
         }
     }
 
-    /// Reserves the robot for a commander with a valid command. One that takes it over from another ends what that one
-    /// has left: its efforts and rates become zero. `is_present` says whether a publisher of a topic other than
-    /// `joint_commands` is still in the graph.
+    /// Makes the commander of a valid command the holder of the robot. If it takes over from another commander, the
+    /// joints stop: held efforts and driven rates become zero. `is_present` says whether a publisher of a topic other
+    /// than `joint_commands` is still in the graph.
     ///
     /// # Errors
-    /// A line that says from whom the command is, and who commands the robot.
+    /// A line that names the refused commander and the one that holds the robot.
     pub fn engage(
         &mut self,
         commander: Commander,
@@ -266,8 +266,8 @@ impl CommandHandler {
         Ok(())
     }
 
-    /// The commander that holds the robot begins a motion. It needs no further commands unless it `is_streamed`: then the
-    /// commander's silence counts.
+    /// The holder begins a motion. The motion needs no further commands unless it `is_streamed`: then silence of the
+    /// commander counts.
     pub fn begin_motion(&mut self, is_streamed: bool) {
         if !is_streamed {
             self.arbiter.begin_motion();
@@ -285,7 +285,7 @@ impl CommandHandler {
         self.arbiter.end_motion();
     }
 
-    /// Why a valid command of this commander is refused.
+    /// The reason for refusing a valid command of this commander.
     fn not_admitted(&self, commander: Commander) -> String {
         let name = |commander| match commander {
             Commander::Publisher(publisher) => self.node.owner_of(publisher),
@@ -317,7 +317,7 @@ impl CommandHandler {
         self.status.set("refused", self.refused);
     }
 
-    /// Halts the robot if the last command is too old. Lockstep waits for commands instead.
+    /// Halts the robot if the last command is too old; never in lockstep, which waits for commands.
     pub fn check_age(&mut self, world: &mut World) {
         let Some(last) = self.last_command else {
             return;
@@ -343,45 +343,45 @@ impl CommandHandler {
         }
     }
 
-    /// The state of the simulated time `now` \[s\] is published and waits for a response.
+    /// The state of simulated time `now` \[s\] was published: its response is tracked from now on.
     pub fn expect_response(&mut self, now: f64) {
         self.responses.state_published(Time::from_secs_f64(now));
     }
 
-    /// The present state was changed: it needs a response again.
+    /// The current state was changed: an earlier response to it no longer counts.
     pub fn expect_response_again(&mut self) {
         self.responses.state_changed();
     }
 
-    /// Whether time may advance in lockstep: the present state has a response, or a motion that is being executed
-    /// (`is_moving`) needs none. Always true without lockstep.
+    /// Whether time may advance: outside lockstep always; in lockstep if the current state has a response, or a motion
+    /// is being executed (`is_moving`), which needs none.
     pub fn may_advance(&self, is_moving: bool) -> bool {
         !self.is_awaited || self.responses.is_answered() || is_moving
     }
 
-    /// Whether the last state has no response yet but is likely to get one.
+    /// Whether the current state has no response yet but is likely to get one.
     pub fn response_is_due(&self) -> bool {
         self.responses.is_awaiting_response()
     }
 
-    /// Number of states without an answer from a commander that answers states.
+    /// Number of states left without an answer by a commander that answers states.
     pub fn unanswered(&self) -> u64 {
         self.responses.unanswered()
     }
 
-    /// Drops the commands that wait.
+    /// Drops pending commands.
     pub fn discard(&mut self) {
         self.set_aside = None;
         while self.commands.take().is_some() {}
     }
 
-    /// The node is deactivated: no publisher holds the robot any more.
+    /// The node is deactivated: releases the robot from its holder.
     pub fn deactivate(&mut self) {
         self.responses.state_changed();
         self.arbiter.release();
     }
 
-    /// Time or state is reset: no command has been given yet.
+    /// Resets after time or state was reset: forgets all commands and the holder.
     pub fn restart(&mut self) {
         self.discard();
         self.responses.restart();

@@ -14,8 +14,8 @@ use crate::{
     ros::Time,
 };
 
-/// The contacts of the world: points and axes are the world's, normals are from the second link to the first, and
-/// wrenches are about the points.
+/// The contacts of the world: points and forces in world axes, normals from the second link to the first, wrenches
+/// about the contact points.
 pub fn contacts(stamp: Time, world: &World) -> Contacts {
     let mut message = Contacts {
         header: header(stamp, WORLD),

@@ -1,4 +1,4 @@
-//! Shapes of robot and targets, from the `<collision>` elements of their descriptions, and the pairs that touch.
+//! Collision shapes of robot and targets, from the `<collision>` elements of their descriptions, and the contact pairs.
 
 use std::path::{Path, PathBuf};
 
@@ -22,10 +22,10 @@ use crate::{
     spatial::Pose,
 };
 
-/// Name of the whole robot in `contact.pairs`, in addition to its description's name.
+/// Name of the whole robot in `contact.pairs`, accepted in addition to the name in its description.
 const ROBOT: &str = "robot";
 
-/// A shape on a link.
+/// A collision shape on a link.
 #[derive(Clone)]
 struct Solid {
     /// The link's frame in the model.
@@ -38,32 +38,32 @@ struct Solid {
     shape: Shape,
 }
 
-/// A solid in the contact world.
+/// A collision shape added to the contact world.
 struct Placed<'a> {
     solid: &'a Solid,
-    /// The robot (0) or the target (its number from one).
+    /// The owner: 0 for the robot, or the target's number counted from one.
     owner: usize,
-    /// The system of the contact world, and its body, that the solid is part of.
+    /// Index of the system in the contact world, and of the body in that system.
     system: usize,
     body: usize,
     collider: ColliderId,
 }
 
-/// Input from which contacts are made.
+/// Collision shapes and contact parameters from which the contact world is built.
 pub(super) struct Contacts {
     params: ContactParams,
     /// Longest step of the bodies' own integrators \[s\].
     time_step: f64,
     robot: Vec<Solid>,
-    /// Folders of the meshes of targets that peers have added.
+    /// Folders in which meshes of targets added by peers may be.
     allowed: AllowedFolders,
 }
 
-/// Where meshes may be.
+/// Where mesh files are looked up.
 enum Meshes<'a> {
-    /// Of a description that the scenario names.
+    /// Anywhere, for a description that the scenario names; with the folders of ROS packages.
     Anywhere(&'a [PathBuf]),
-    /// Of a description that a peer has sent.
+    /// Only below allowed folders, for a description that a peer has sent.
     Below(&'a AllowedFolders),
 }
 
@@ -81,7 +81,7 @@ impl Contacts {
     ) -> Result<Self, String> {
         let meshes = Meshes::Anywhere(&params.packages);
         let mut solids = read(&robot.xml, &robot.source, &meshes)?;
-        // What no joint connects to the robot is no part of the model.
+        // Links that no joint connects to the robot are not part of the model.
         solids.retain(|solid| model.frame(&solid.frame).is_some());
         Ok(Self {
             params: params.clone(),
@@ -91,7 +91,8 @@ impl Contacts {
         })
     }
 
-    /// The robot, what it holds and the other targets as they are now, with the pairs that touch.
+    /// The contact world of the robot, the target that it holds and the other targets in their current states, with all
+    /// pairs.
     ///
     /// # Errors
     /// A line on a description, a shape or a pair.
@@ -100,7 +101,7 @@ impl Contacts {
         self.build_around(robot.own(), robot.captured().zip(held), targets)
     }
 
-    /// Checks that all shapes can touch, whatever the robot holds now.
+    /// Checks that a contact world can be built with all targets free, whatever the robot holds now.
     ///
     /// # Errors
     /// A line on a description, a shape or a pair.
@@ -108,7 +109,7 @@ impl Contacts {
         self.build_around(robot.own(), None, targets).map(drop)
     }
 
-    /// Robot and targets, of which the robot holds one by a grasp: its joined system, and its number.
+    /// The contact world; `held` has the joined system of robot and held target, and the target's index.
     fn build_around(
         &self,
         robot: &Floating,
@@ -190,7 +191,7 @@ impl Contacts {
         Ok(Touching::new(world, labels.collect(), ids.collect(), held))
     }
 
-    /// Checks that the scenario's contacts mean something: there are shapes, and those that pairs name.
+    /// Checks that there are collision shapes, and that each name in `contact.pairs` matches one.
     ///
     /// # Errors
     /// A line that names the parameter, with what there is.
@@ -249,7 +250,7 @@ impl Contacts {
         Ok(solids)
     }
 
-    /// Whether two shapes can touch at all. `robot` is the robot with what it holds.
+    /// Whether two shapes can come into contact at all. `robot` is the joined model of the robot and what it holds.
     fn may_touch(
         &self,
         robot: &Model,

@@ -1,16 +1,16 @@
-//! Divergence: a motion that is too fast or not finite, and the state to return to.
+//! Divergence of a motion: detection of speeds that are too large or not finite, and the state to restore then.
 
 use super::free_body::{FreeBody, Restorable};
 use crate::dynamics::Floating;
 
-/// Largest speed of a joint or of a base \[rad/s or m/s\]. No mechanism reaches it, while its square, which accelerations and
-/// energies depend on, is far from the largest number. A motion that diverges exceeds it within a few steps.
+/// Largest speed of a joint or of a base \[rad/s or m/s\]. No mechanism reaches it, and its square, on which
+/// accelerations and energies depend, is far from overflow. A diverging motion exceeds it within a few steps.
 const MAX_SPEED: f64 = 1e6;
 
-/// Largest distance of a body from the world's origin \[m\]: the width of the solar system.
+/// Largest distance of a body from the world's origin \[m\]: about the width of the solar system.
 const MAX_DISTANCE: f64 = 1e13;
 
-/// A quantity of a body's motion that is not finite or too large; `None` if there is none.
+/// Describes the first quantity of a body's motion that is not finite or too large; `None` if there is none.
 pub fn of(body: &(impl FreeBody + ?Sized)) -> Option<String> {
     let state = body.state();
     let joints = body.model().joints().iter();
@@ -38,13 +38,13 @@ pub fn of(body: &(impl FreeBody + ?Sized)) -> Option<String> {
     (!body.is_finite()).then(|| "its state is not finite".to_owned())
 }
 
-/// Whether a value is not a number, or larger than `limit`.
+/// Whether a value is NaN, or its magnitude larger than `limit`.
 pub(super) fn is_beyond(value: f64, limit: f64) -> bool {
     let is_within = value.abs() <= limit;
     !is_within
 }
 
-/// The state of a body before its last step, to return to after a divergence.
+/// Backup of a body's state before its last step, restored after a divergence.
 pub struct StateBackup<B: Restorable = Floating> {
     saved: B::Saved,
     /// Whether the body was restored since the last command.
@@ -52,7 +52,7 @@ pub struct StateBackup<B: Restorable = Floating> {
 }
 
 impl<B: Restorable> StateBackup<B> {
-    /// The present state.
+    /// A backup of the body's current state.
     pub fn new(body: &B) -> Self {
         Self {
             saved: body.saved(),
@@ -60,24 +60,24 @@ impl<B: Restorable> StateBackup<B> {
         }
     }
 
-    /// Saves the present state.
+    /// Saves the current state.
     pub fn save(&mut self, body: &B) {
         body.save_to(&mut self.saved);
     }
 
-    /// The body is commanded.
+    /// The body was commanded: the next restore keeps its momentum.
     pub fn command(&mut self) {
         self.is_restored = false;
     }
 
-    /// Restores the saved state of a robot, with its joints at rest and the same momentum. If that was done since the last
-    /// command already, the motion is in the momentum: the robot comes to rest altogether.
+    /// Restores the saved state with the joints at rest and the momentum unchanged. If there was no command since the
+    /// last restore, the momentum itself is the problem: the body is stopped completely.
     pub fn restore(&mut self, body: &mut B, time: f64) {
         let keeps_momentum = !std::mem::replace(&mut self.is_restored, true);
         body.restore_stopped(&self.saved, time, keeps_momentum);
     }
 
-    /// Restores the saved state of a body, at rest. Its time becomes `time` \[s\].
+    /// Restores the saved state with the body completely at rest. Its time becomes `time` \[s\].
     pub fn restore_at_rest(&self, body: &mut B, time: f64) {
         body.restore_stopped(&self.saved, time, false);
     }

@@ -9,21 +9,21 @@ use super::{
 };
 use crate::{dynamics::flexible::Wheel, model::Model};
 
-/// A sine, or a constant, of unit amplitude that acts for some time.
+/// A sine wave, or a constant, of unit amplitude over a time interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wave {
-    /// From when \[s\]; the sine begins then.
+    /// Start \[s\]; the sine begins then.
     pub start: f64,
-    /// Until when \[s\]; infinite is for ever.
+    /// End \[s\]; may be infinite.
     pub end: f64,
-    /// Of the sine \[s\]; zero for a constant.
+    /// Period of the sine \[s\]; zero for a constant.
     pub period: f64,
-    /// Of the sine at its start \[rad\].
+    /// Phase of the sine at its start \[rad\].
     pub phase: f64,
 }
 
 impl Wave {
-    /// Whether it acts in a step that begins at `time` \[s\]; steps end where it begins and ends.
+    /// Whether the wave acts in a step that begins at `time` \[s\]; steps are split at the wave's start and end.
     fn acts_from(&self, time: f64) -> bool {
         self.start <= time + 1e-12 && time < self.end - 1e-12
     }
@@ -40,7 +40,7 @@ impl Wave {
         }
     }
 
-    /// Mean over the step from `time` on, `seconds` long; zero if it does not act.
+    /// Mean over a step that begins at `time` and is `seconds` long; zero if the wave does not act.
     fn mean(&self, time: f64, seconds: f64) -> f64 {
         match (self.acts_from(time), self.period > 0.0) {
             (false, _) => 0.0,
@@ -53,21 +53,21 @@ impl Wave {
     }
 }
 
-/// Waves on joints, wheels and links of one robot, in addition to commands.
+/// Waves on joints, wheels and links of one robot, added to its commands.
 #[derive(Debug, Default)]
 pub struct Excitations {
     /// Joint, amplitude \[N m or N\], and wave.
     joints: Vec<(usize, f64, Wave)>,
     /// Wheel, amplitude \[N m\], and wave.
     wheels: Vec<(usize, f64, Wave)>,
-    /// The wrench at unit amplitude; its times are those of the wave.
+    /// Wrench at unit amplitude, valid from the wave's start to its end, and wave.
     links: Vec<(ExternalWrench, Wave)>,
-    /// Held efforts of all joints, and torques of all wheels, without excitations.
+    /// Held efforts of all joints and torques of all wheels, without excitations ([`Self::save`]).
     held: (Vec<f64>, Vec<f64>),
 }
 
 impl Excitations {
-    /// Those that the parameters describe.
+    /// The excitations that the parameters describe.
     ///
     /// # Errors
     /// A line that names the parameter and lists the joints, wheels or links there are.
@@ -139,33 +139,33 @@ impl Excitations {
         parts.map(|(_, _, wave)| wave).chain(links)
     }
 
-    /// Times at which one begins or ends \[s\].
+    /// Times at which an excitation begins or ends \[s\].
     pub fn changes(&self) -> impl Iterator<Item = f64> {
         self.waves().flat_map(|wave| [wave.start, wave.end])
     }
 
-    /// Whether any acts in a step that begins at `time` \[s\].
+    /// Whether any excitation acts in a step that begins at `time` \[s\].
     pub fn act_from(&self, time: f64) -> bool {
         self.waves().any(|wave| wave.acts_from(time))
     }
 
-    /// Whether there is none.
+    /// Whether there are no excitations.
     pub fn are_none(&self) -> bool {
         self.waves().next().is_none()
     }
 
-    /// Whether any acts on a link at some time.
+    /// Whether any excitation acts on a link, now or at another time.
     pub fn push(&self) -> bool {
         !self.links.is_empty()
     }
 
-    /// Whether any acts on a link in a step that begins at `time` \[s\].
+    /// Whether any excitation acts on a link in a step that begins at `time` \[s\].
     pub fn push_from(&self, time: f64) -> bool {
         self.links.iter().any(|(_, wave)| wave.acts_from(time))
     }
 
-    /// Wrenches at unit amplitude, with their factors at `time` \[s\], of those that act in the step that began at
-    /// `start`.
+    /// Wrenches at unit amplitude with their factors at `time` \[s\], for the excitations that act in the step that
+    /// began at `start`.
     pub fn wrenches(&self, start: f64, time: f64) -> impl Iterator<Item = (&ExternalWrench, f64)> {
         let acting = self.links.iter().filter(move |(_, w)| w.acts_from(start));
         acting.map(move |(wrench, wave)| (wrench, wave.at(time)))
@@ -180,7 +180,7 @@ impl Excitations {
         }
     }
 
-    /// Restores the held input of `robot` at [`Self::save`].
+    /// Restores the held input of `robot` as saved by [`Self::save`].
     pub fn restore(&self, robot: &mut Robot) {
         let (efforts, torques) = &self.held;
         robot
@@ -194,8 +194,8 @@ impl Excitations {
         }
     }
 
-    /// Sets joint efforts and wheel torques to the held ones plus what acts at `time` \[s\], of those that act in the
-    /// step that began at `start`.
+    /// Sets joint efforts and wheel torques to the held ones plus the excitations at `time` \[s\], for the excitations
+    /// that act in the step that began at `start`.
     pub fn add(&self, start: f64, time: f64, efforts: &mut [f64], torques: &mut [f64]) {
         let lists = [
             (&self.joints, &self.held.0, efforts),
@@ -213,7 +213,7 @@ impl Excitations {
         }
     }
 
-    /// Adds what acts at `time` \[s\] to what `robot` held at [`Self::save`].
+    /// Adds the excitations at `time` \[s\] to the input that [`Self::save`] has saved.
     pub fn add_to(&self, robot: &mut Robot, time: f64) {
         if let Some(robot) = robot.flexible_mut() {
             let input = robot.input_mut();
@@ -225,13 +225,13 @@ impl Excitations {
         }
     }
 
-    /// Joints with their mean efforts over the step from `time` on, `seconds` long.
+    /// Joints with the mean efforts of their excitations over a step that begins at `time` and is `seconds` long.
     pub fn mean_efforts(&self, time: f64, seconds: f64) -> impl Iterator<Item = (usize, f64)> {
         let joints = self.joints.iter();
         joints.map(move |(j, amplitude, wave)| (*j, amplitude * wave.mean(time, seconds)))
     }
 
-    /// Mean torque on wheel `i` over the step from `time` on, `seconds` long \[N m\].
+    /// Mean torque of the excitations on wheel `i` over a step that begins at `time` and is `seconds` long \[N m\].
     pub fn mean_torque(&self, i: usize, time: f64, seconds: f64) -> f64 {
         let on_wheel = self.wheels.iter().filter(|(wheel, ..)| *wheel == i);
         on_wheel

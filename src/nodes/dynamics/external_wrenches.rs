@@ -1,5 +1,5 @@
-//! External wrenches on links of the robot, with the momentum and work that they have added; steps of the robot under these
-//! wrenches, its thrusters and excitations.
+//! External wrenches on links of the robot, with the momentum and work that they add, and integration of the robot
+//! under external wrenches, thrusters and excitations.
 
 use nalgebra::Vector3;
 
@@ -10,31 +10,31 @@ use crate::{
     spatial::{Pose, Wrench},
 };
 
-/// Axes of a wrench.
+/// Axes in which a wrench is given.
 #[derive(Debug, Clone, PartialEq)]
 pub enum WrenchAxes {
-    /// Of a frame of the robot, with which they turn.
+    /// Axes of a frame of the robot; the wrench turns with the frame.
     Robot(Frame),
-    /// Of the world.
+    /// Axes of the world.
     World,
 }
 
-/// A wrench on a link for some time.
+/// A wrench on a link over a time interval.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExternalWrench {
-    /// The link.
+    /// The link that it acts on.
     pub link: Frame,
     /// Axes of force, torque and point.
     pub axes: WrenchAxes,
-    /// Where the force acts: in the frame of the axes, or in the world's axes from the link's origin \[m\].
+    /// Where the force acts \[m\]: in the frame that gives the axes, or, in world axes, relative to the link's origin.
     pub point: Vector3<f64>,
     /// Torque \[N m\] and force \[N\] about the point.
     pub wrench: Wrench,
-    /// From when \[s\].
+    /// Start \[s\].
     pub from: f64,
-    /// Until when \[s\]; infinite is for ever.
+    /// End \[s\]; may be infinite.
     pub until: f64,
-    /// Whether it came by topic: the next one on the link replaces it.
+    /// Whether it came by topic: the next wrench from the topic on the same link replaces it.
     pub is_streamed: bool,
 }
 
@@ -51,25 +51,25 @@ pub struct ExternalChange {
 pub struct ExternalWrenches {
     wrenches: Vec<ExternalWrench>,
     change: ExternalChange,
-    /// See [`Self::save_change`].
+    /// The change saved by [`Self::save_change`].
     saved: ExternalChange,
-    /// Whether any has acted since the start.
+    /// Whether any wrench or thruster has acted since the start.
     has_acted: bool,
-    /// Whether the robot's input has a wrench.
+    /// Whether the robot's held input contains a wrench.
     is_set: bool,
-    /// Poses of the links at a stage of a step.
+    /// Poses of the links at a stage of an integration step.
     workspace: Workspace,
-    /// Joint positions and efforts before a step.
+    /// Joint positions before an integration step.
     q: Vec<f64>,
     efforts: Vec<f64>,
     excitations: Excitations,
 }
 
-/// Most wrenches at a time.
+/// Maximum number of wrenches that act or wait at a time.
 const MOST: usize = 1000;
 
 impl ExternalWrenches {
-    /// None yet.
+    /// No wrenches and no excitations.
     pub fn new(model: &Model) -> Self {
         Self {
             wrenches: Vec::new(),
@@ -84,7 +84,7 @@ impl ExternalWrenches {
         }
     }
 
-    /// The same with excitations.
+    /// Adds excitations.
     #[must_use]
     pub fn with_excitations(self, excitations: Excitations) -> Self {
         Self {
@@ -98,10 +98,10 @@ impl ExternalWrenches {
         &self.excitations
     }
 
-    /// Adds a wrench.
+    /// Adds a wrench. A streamed wrench replaces the previous streamed one on its link.
     ///
     /// # Errors
-    /// A line, when there are too many.
+    /// A line, if there are too many wrenches.
     pub fn add(&mut self, wrench: ExternalWrench) -> Result<(), String> {
         if wrench.is_streamed {
             self.wrenches
@@ -114,7 +114,7 @@ impl ExternalWrenches {
         Ok(())
     }
 
-    /// Ends the wrenches on `link`, or all. Returns how many.
+    /// Removes the wrenches on `link`, or all. Returns the number removed.
     pub fn clear(&mut self, link: Option<&str>) -> usize {
         let before = self.wrenches.len();
         let is_cleared = |w: &ExternalWrench| link.is_none_or(|link| w.link.name == link);
@@ -122,7 +122,8 @@ impl ExternalWrenches {
         before - self.wrenches.len()
     }
 
-    /// Nothing has changed and nothing acts, as at the start. The change is still published if it was: time may go on.
+    /// Restores the state at the start: no wrenches, and no change of momentum. A change that was published before
+    /// continues to be published, as zero.
     pub fn reset(&mut self, robot: &mut Robot) {
         self.wrenches.clear();
         self.unset(robot);
@@ -134,25 +135,25 @@ impl ExternalWrenches {
         self.saved = self.change;
     }
 
-    /// The steps since [`Self::save_change`] have diverged and are discarded: they have changed nothing, and all
-    /// wrenches end.
+    /// Discards the steps since [`Self::save_change`], which have diverged: restores the saved change, and removes all
+    /// wrenches.
     pub fn undo_step(&mut self, robot: &mut Robot) {
         self.wrenches.clear();
         self.unset(robot);
         self.change = self.saved;
     }
 
-    /// The change of momentum and the work; `None` if no wrench has acted.
+    /// The change of momentum and the work; `None` if neither a wrench nor a thruster has acted.
     pub fn change(&self) -> Option<&ExternalChange> {
         self.has_acted.then_some(&self.change)
     }
 
-    /// Whether there are neither wrenches nor excitations, now or later.
+    /// Whether there are neither wrenches nor excitations, acting or scheduled.
     pub fn are_none(&self) -> bool {
         self.wrenches.is_empty() && !self.is_set && self.excitations.are_none()
     }
 
-    /// The first time in `(time, end)` at which a wrench or an excitation begins or ends, or `end` \[s\].
+    /// The first time in `(time, end)` at which a wrench or excitation begins or ends; `end` \[s\] if there is none.
     pub fn next_change(&self, time: f64, end: f64) -> f64 {
         let times = self.wrenches.iter().flat_map(|w| [w.from, w.until]);
         let times = times.chain(self.excitations.changes());
@@ -160,7 +161,7 @@ impl ExternalWrenches {
         within.fold(end, f64::min)
     }
 
-    /// What `read` finds of the robot under the excitations that act at `time` \[s\] as well.
+    /// Calls `read` on the robot with the excitations at `time` \[s\] added to its held input.
     pub fn while_excited<T>(
         &mut self,
         robot: &mut Robot,
@@ -178,8 +179,8 @@ impl ExternalWrenches {
         found
     }
 
-    /// Steps the robot from `time` \[s\], `steps` times by `dt` \[s\], under the wrenches and excitations that act at
-    /// `time`. What its thrusters do counts as well.
+    /// Advances the robot from `time` \[s\] by `steps` steps of `dt` \[s\], under the wrenches and excitations that act
+    /// at `time`. Impulse and work of its thrusters are recorded as well.
     pub fn step(&mut self, robot: &mut Robot, time: f64, dt: f64, steps: usize) {
         let is_excited = self.excitations.act_from(time);
         if self.wrenches.is_empty() && !self.is_set && !is_excited && !robot.is_firing() {
@@ -195,7 +196,7 @@ impl ExternalWrenches {
             }
         }
         self.is_set = any_acts;
-        // Times of states go on when time is reset.
+        // Simulated time minus time of the robot's state: they differ after a reset of time alone.
         let ahead = time - robot.state().time;
         if is_excited {
             self.excitations.save(robot);
@@ -208,7 +209,7 @@ impl ExternalWrenches {
             self.q.extend(whole(robot).q.iter());
             self.efforts.clear();
             self.efforts.extend(robot.efforts().iter());
-            // Joints of a target that it holds, which follow its own, have no efforts.
+            // Joints of a held target, which follow the robot's own joints, have no efforts.
             self.efforts.resize(self.q.len(), 0.0);
             let Self {
                 wrenches,
@@ -239,14 +240,14 @@ impl ExternalWrenches {
         }
     }
 
-    /// No wrench acts on the robot any more.
+    /// Removes all wrenches from the robot's held input.
     fn unset(&mut self, robot: &mut Robot) {
         if std::mem::take(&mut self.is_set) {
             robot.input_mut().wrenches.fill(Wrench::ZERO);
         }
     }
 
-    /// Adds the change of a step.
+    /// Adds the changes of momentum and work in one step.
     fn record(&mut self, robot: &Robot, before: &Before) {
         let (state, momentum_W) = (whole(robot), robot.whole_momentum());
         self.change.momentum_W.linear += momentum_W.linear - before.momentum_W.linear;
@@ -261,8 +262,8 @@ impl ExternalWrenches {
         };
     }
 
-    /// Work of efforts and springs in a step of a rigid robot that began at the positions `self.q` and with the efforts
-    /// `self.efforts` \[J\].
+    /// Work of joint efforts and springs in a step of a rigid robot \[J\], from the positions `self.q` and efforts
+    /// `self.efforts` before the step.
     fn work_of_joints(&self, robot: &Robot) -> f64 {
         let Some(robot) = robot.rigid_whole() else {
             return 0.0;
@@ -279,17 +280,17 @@ impl ExternalWrenches {
     }
 }
 
-/// State of the robot with what it holds.
+/// State of the robot including a held target.
 fn whole(robot: &Robot) -> &State {
     robot.rigid_whole().map_or(robot.state(), Floating::state)
 }
 
-/// Before a step.
+/// Momentum and energies before a step.
 struct Before {
     momentum_W: Momentum,
     /// Work and dissipation of a rigid robot \[J\].
     energy: f64,
-    /// Work from outside on a robot with flexible parts \[J\].
+    /// External work on a robot with flexible parts \[J\].
     external_work: f64,
     /// Work of contacts \[J\].
     contact_work: f64,
@@ -309,7 +310,7 @@ impl Before {
     }
 }
 
-/// Sets the wrenches of `input` to those that act in `state`, each times its factor.
+/// Sets the wrenches of `input` to those that act in `state`, each multiplied by its factor.
 fn set<'a>(
     wrenches: impl Iterator<Item = (&'a ExternalWrench, f64)>,
     state: &State,
@@ -323,7 +324,7 @@ fn set<'a>(
     }
 }
 
-/// A wrench about the origin of its body's frame in the body's axes, in `state`, whose positions `workspace` has.
+/// The wrench about the origin of its body's frame, in body axes. `workspace` has the positions of `state`.
 fn on_body(wrench: &ExternalWrench, state: &State, workspace: &Workspace) -> Wrench {
     let link = &wrench.link;
     let X_BL = &link.X_BF;

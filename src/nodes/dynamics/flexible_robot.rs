@@ -1,4 +1,4 @@
-//! A robot with flexible parts, wheels or thrusters that may hold a target.
+//! A robot with flexible parts, wheels or thrusters, with the target that it may hold.
 
 use crate::dynamics::{
     Floating, IntegrationMethod,
@@ -6,14 +6,14 @@ use crate::dynamics::{
     flexible::{FlexibleFloating, FlexibleForcing, FlexibleState},
 };
 
-/// A robot with flexible parts, wheels or thrusters. While it holds a target, the joined system of both is stepped; the
-/// robot itself has the motion that it has there, so that everything that looks at the robot need not know.
+/// A robot with flexible parts, wheels or thrusters. While it holds a target, the joined system of both is integrated,
+/// and its motion is copied to the robot itself, so that other modules need not distinguish the two cases.
 pub struct FlexibleRobot {
     own: FlexibleFloating,
     held: Option<Held>,
 }
 
-/// The target that the robot holds.
+/// The held target and the joined system.
 struct Held {
     /// Name of the target.
     target: String,
@@ -21,22 +21,22 @@ struct Held {
 }
 
 impl FlexibleRobot {
-    /// A robot that holds nothing.
+    /// A robot without a held target.
     pub fn new(own: FlexibleFloating) -> Self {
         Self { own, held: None }
     }
 
-    /// The robot itself.
+    /// The robot without a held target.
     pub fn own(&self) -> &FlexibleFloating {
         &self.own
     }
 
-    /// The robot itself, to be commanded. Its motion must not be changed while it holds something.
+    /// Mutable access to the robot itself, for commands. Its motion must not be changed while it holds a target.
     pub fn own_mut(&mut self) -> &mut FlexibleFloating {
         &mut self.own
     }
 
-    /// State of the robot with what it holds.
+    /// State of the robot including a held target.
     pub fn whole_state(&self) -> &FlexibleState {
         match &self.held {
             Some(held) => held.captured.floating().state(),
@@ -44,12 +44,12 @@ impl FlexibleRobot {
         }
     }
 
-    /// Name of the target that it holds.
+    /// Name of the held target.
     pub fn held(&self) -> Option<&str> {
         self.held.as_ref().map(|held| held.target.as_str())
     }
 
-    /// Grasps a target; both get the motion after the impulse. Returns the energy that is lost \[J\].
+    /// Grasps a target: the impulse of the capture changes the motion of both. Returns the energy lost \[J\].
     ///
     /// # Errors
     /// [`CaptureError`], also if it holds the target already; nothing has changed then.
@@ -73,7 +73,7 @@ impl FlexibleRobot {
         Ok(impulse.energy_lost)
     }
 
-    /// Opens the grasp: robot and target move apart as `spring` pushes them.
+    /// Opens the grasp; a `spring` pushes robot and target apart.
     pub fn release(&mut self, target: &mut Floating, spring: Option<&ReleaseSpring>) {
         if let Some(held) = self.held.take() {
             let released = held.captured.release(spring);
@@ -82,25 +82,25 @@ impl FlexibleRobot {
         }
     }
 
-    /// Holds nothing any more; the robot keeps its motion.
+    /// Forgets the held target; the robot keeps its motion.
     pub fn let_go(&mut self) {
         self.held = None;
     }
 
-    /// Gives the target that it holds the motion that it has in the joined system.
+    /// Copies the motion of the held target in the joined system to `target`.
     pub fn show_target(&self, target: &mut Floating) {
         if let Some(held) = &self.held {
             held.captured.show_target(target);
         }
     }
 
-    /// Replaces the state; the robot holds nothing then.
+    /// Replaces the state; a held target is forgotten.
     pub fn set_state(&mut self, state: FlexibleState) {
         self.let_go();
         self.own.set_state(state);
     }
 
-    /// Computes the accelerations of all frames under what acts now.
+    /// Computes the accelerations of all frames under the held input.
     pub fn set_accelerations(&mut self) {
         match &mut self.held {
             Some(held) => {
@@ -123,7 +123,7 @@ impl FlexibleRobot {
         }
     }
 
-    /// Advances by one step of `dt` \[s\] under the input that `forcing` makes of the held one at every stage.
+    /// Advances by one step of `dt` \[s\]; at every stage, `forcing` changes the held input.
     pub fn step_with(&mut self, dt: f64, forcing: &mut impl FlexibleForcing) {
         match &mut self.held {
             Some(held) => {

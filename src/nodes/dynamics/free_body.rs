@@ -1,4 +1,4 @@
-//! Interface of a rigid robot, a robot with flexible parts and a target: a base with pose and twist, momentum and energy.
+//! Common interface of rigid robots, robots with flexible parts, and targets: base pose and twist, momentum, energy.
 
 use nalgebra::Isometry3;
 
@@ -26,14 +26,14 @@ pub trait FreeBody {
     /// Twist of its base frame in the world, base axes.
     fn V_WB_B(&self) -> Twist;
 
-    /// Acceleration of its base frame in the world under what acts now, base axes; the linear part is that of the
-    /// origin as a point.
+    /// Acceleration of its base frame in the world under the current input, in base axes; the linear part is the
+    /// acceleration of the frame's origin as a point.
     fn A_WB_B(&mut self) -> Twist;
 
-    /// Momentum, summed over everything that moves, in world axes.
+    /// Momentum summed over all moving parts, in world axes.
     fn carried_momentum(&self) -> Momentum;
 
-    /// The same, and the scale of its rounding error (linear, angular).
+    /// As [`Self::carried_momentum`], with the scale of its rounding error (linear, angular).
     fn carried_momentum_and_scale(&self) -> (Momentum, (f64, f64));
 
     /// Kinetic energy \[J\].
@@ -44,40 +44,39 @@ pub trait FreeBody {
         0.0
     }
 
-    /// Energy that deformation, elastic joints and bearings of wheels have dissipated since the start \[J\]. What joints
-    /// dissipate is in the state.
+    /// Energy dissipated by deformation, elastic joints and wheel bearings since the start \[J\]. Dissipation in the
+    /// joints is part of the state.
     fn lost_energy(&self) -> f64 {
         0.0
     }
 
-    /// Gives the base this pose and twist (base axes), while everything keeps its place and its rates relative to the
-    /// base.
+    /// Gives the base a new pose and twist (base axes). Everything keeps its position and rates relative to the base.
     ///
     /// # Errors
-    /// What would move too fast or be too far away; the body is then left as it was.
+    /// The quantity that would be too large; the body is left unchanged.
     fn move_base(&mut self, X_WB: &Isometry3<f64>, V_WB_B: &Twist) -> Result<(), String>;
 }
 
-/// A body whose whole state can be saved and restored.
+/// A body whose complete state can be saved and restored.
 pub trait Restorable: FreeBody {
-    /// All of its state.
+    /// Complete state of the body.
     type Saved: Clone;
 
-    /// The present state.
+    /// The current state.
     fn saved(&self) -> Self::Saved;
 
-    /// Writes the present state to `saved` without allocating.
+    /// Writes the current state to `saved` without allocating.
     fn save_to(&self, saved: &mut Self::Saved);
 
     /// Replaces the state.
     fn restore(&mut self, saved: &Self::Saved);
 
-    /// Replaces the state at `time` \[s\] with all internal motion at rest. The body keeps the momentum that was saved,
-    /// or comes to rest altogether.
+    /// Restores `saved` at `time` \[s\] with all internal motion stopped. The body keeps the saved momentum, or is
+    /// stopped completely.
     fn restore_stopped(&mut self, saved: &Self::Saved, time: f64, keeps_momentum: bool);
 }
 
-/// Moves a body as [`FreeBody::move_base`], with `set` to set its state.
+/// Moves a body by `set`, as for [`FreeBody::move_base`]; undone with an error if the motion would diverge.
 pub(super) fn try_to_move<B: Restorable>(
     body: &mut B,
     set: impl FnOnce(&mut B),
@@ -93,7 +92,7 @@ pub(super) fn try_to_move<B: Restorable>(
     }
 }
 
-/// Momentum in base axes as momentum in world axes.
+/// Converts a momentum in base axes to world axes.
 pub(super) fn in_world(state: &State, momentum_B: &Momentum) -> Momentum {
     Momentum {
         linear: state.R_WB * momentum_B.linear,

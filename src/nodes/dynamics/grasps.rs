@@ -1,4 +1,4 @@
-//! A rigid robot that may hold a target, or touch some.
+//! A rigid robot with the target that it may hold and the bodies that it may touch.
 
 use super::touching::Touching;
 use crate::{
@@ -10,16 +10,16 @@ use crate::{
     spatial::Pose,
 };
 
-/// A rigid robot. While it holds a target, the joined system of both is stepped, and if there is contact, together with all
-/// bodies that may touch. The robot itself has the motion that it has there, so that everything that looks at the robot need
-/// not know.
+/// A rigid robot. While it holds a target, the joined system of both is integrated; with contact, together with all
+/// bodies that may touch. The resulting motion is copied to the robot itself, so that other modules need not
+/// distinguish the cases.
 pub struct RigidRobot {
     own: Floating,
     held: Option<Held>,
     touching: Option<Box<Touching>>,
 }
 
-/// The targets that the robot holds.
+/// The held target and the joined system.
 struct Held {
     /// Name of the target.
     target: String,
@@ -27,7 +27,7 @@ struct Held {
 }
 
 impl RigidRobot {
-    /// A robot that holds nothing.
+    /// A robot without a held target.
     pub fn new(own: Floating) -> Self {
         Self {
             own,
@@ -36,42 +36,41 @@ impl RigidRobot {
         }
     }
 
-    /// Steps the robot and what it holds with all bodies that they may touch, from now on.
-    /// Returns those of before.
+    /// Replaces the contact world in which the robot and a held target are integrated. Returns the previous one.
     pub(super) fn set_touching(&mut self, touching: Option<Touching>) -> Option<Touching> {
         let before = std::mem::replace(&mut self.touching, touching.map(Box::new));
         before.map(|before| *before)
     }
 
-    /// The bodies that may touch, if there is contact. After a grasp or release they are out of date until contact is set up again
+    /// The contact world, if there is contact. After a grasp or release it is out of date until contact is set up again
     /// ([`Self::stepped_with`]).
     pub fn touching(&self) -> Option<&Touching> {
         self.touching.as_deref()
     }
 
-    /// The same.
+    /// Mutable [`Self::touching`].
     pub(super) fn touching_mut(&mut self) -> Option<&mut Touching> {
         self.touching.as_deref_mut()
     }
 
-    /// The bodies that it is stepped with now.
+    /// The contact world, if it is up to date: robot and held target are integrated in it.
     pub(super) fn stepped_with(&self) -> Option<&Touching> {
         (self.touching.as_deref()).filter(|touching| touching.is_of(self.whole()))
     }
 
-    /// Robot and target joined by a grasp, while it holds one.
+    /// The joined system of robot and held target.
     pub(super) fn captured(&self) -> Option<&Captured> {
         self.held.as_ref().map(|held| &held.captured)
     }
 
-    /// Chooses the axes of a spherical grasp again if two of them come close to each other.
+    /// Chooses new axes for the ball joint of a spherical grasp if two of its axes are nearly aligned.
     pub(super) fn choose_axes_if_tilted(&mut self) {
         if let Some(held) = &mut self.held {
             held.captured.choose_axes_if_tilted();
         }
     }
 
-    /// Momentum of the robot with what it is stepped with, angular about the common centre of mass.
+    /// Momentum of all that is integrated together with the robot, angular about the common centre of mass.
     pub(super) fn whole_momentum(&self) -> Momentum {
         match self.stepped_with() {
             Some(touching) => touching.momentum(),
@@ -79,22 +78,22 @@ impl RigidRobot {
         }
     }
 
-    /// Work that contacts have done on the robot since they were set up \[J\].
+    /// Work of contacts on the robot since contact was set up \[J\].
     pub(super) fn contact_work(&self) -> f64 {
         (self.stepped_with()).map_or(0.0, |touching| touching.world().contact_work(0))
     }
 
-    /// The robot itself.
+    /// The robot without a held target.
     pub fn own(&self) -> &Floating {
         &self.own
     }
 
-    /// The robot itself. Its state must not be changed while it holds something.
+    /// Mutable access to the robot itself. Its state must not be changed while it holds a target.
     pub fn own_mut(&mut self) -> &mut Floating {
         &mut self.own
     }
 
-    /// The robot with what it holds.
+    /// The robot, or the joined system with a held target.
     pub fn whole(&self) -> &Floating {
         match &self.held {
             Some(held) => held.captured.floating(),
@@ -102,18 +101,18 @@ impl RigidRobot {
         }
     }
 
-    /// Whether it holds a target by two grasps, which form a closed loop.
+    /// Whether the target is held by two grasps, which form a closed loop.
     pub(super) fn has_second_grasp(&self) -> bool {
         self.captured().is_some_and(Captured::has_loops)
     }
 
-    /// Name of the target that it holds.
+    /// Name of the held target.
     pub fn held(&self) -> Option<&str> {
         self.held.as_ref().map(|held| held.target.as_str())
     }
 
-    /// Grasps a target; both get the motion after the impulse. A target that it holds already is grasped by a second
-    /// frame, which closes a loop. Returns the energy that is lost \[J\].
+    /// Grasps a target: the impulse of the capture changes the motion of both. If the target is held already, a second
+    /// grasp closes a loop. Returns the energy lost \[J\].
     ///
     /// # Errors
     /// [`CaptureError`]; nothing has changed then.
@@ -142,7 +141,7 @@ impl RigidRobot {
         Ok(impulse.energy_lost)
     }
 
-    /// Opens all grasps: robot and target move apart as `spring` pushes them.
+    /// Opens all grasps; a `spring` pushes robot and target apart.
     pub fn release(&mut self, target: &mut Floating, spring: Option<&ReleaseSpring>) {
         if let Some(held) = self.held.take() {
             let released = held.captured.release(spring);
@@ -151,25 +150,25 @@ impl RigidRobot {
         }
     }
 
-    /// Holds nothing any more; the robot keeps its motion.
+    /// Forgets the held target; the robot keeps its motion.
     pub fn let_go(&mut self) {
         self.held = None;
     }
 
-    /// Gives the target that it holds the motion that it has in the joined system.
+    /// Copies the motion of the held target in the joined system to `target`.
     pub fn show_target(&self, target: &mut Floating) {
         if let Some(held) = &self.held {
             held.captured.show_target(target);
         }
     }
 
-    /// Replaces the state; the robot holds nothing then.
+    /// Replaces the state; a held target is forgotten.
     pub fn restore(&mut self, state: &State) {
         self.let_go();
         self.own.set_state(state.clone());
     }
 
-    /// Computes the accelerations of all frames under what acts now.
+    /// Computes the accelerations of all frames under the held input and contacts.
     pub fn set_accelerations(&mut self) {
         match &mut self.held {
             Some(held) => {
@@ -211,7 +210,7 @@ impl RigidRobot {
         }
     }
 
-    /// Advances by one step of `dt` \[s\] under the input that `forcing` makes of the held one at every stage.
+    /// Advances by one step of `dt` \[s\]; at every stage, `forcing` changes the held input.
     pub fn step_with(&mut self, dt: f64, forcing: &mut impl Forcing) {
         match &mut self.held {
             Some(held) => {
@@ -235,7 +234,7 @@ impl RigidRobot {
     }
 }
 
-/// The bodies that `system` is stepped with now.
+/// The contact world, if `system` is integrated in it.
 fn touching_of<'a>(
     touching: &'a mut Option<Box<Touching>>,
     system: &Floating,
@@ -243,7 +242,7 @@ fn touching_of<'a>(
     (touching.as_deref_mut()).filter(|touching| touching.is_of(system))
 }
 
-/// The frame at pose `X_BF` of the base called `name`.
+/// A frame called `name` at pose `X_BF` of the base.
 pub(super) fn frame_on_base(name: &str, X_BF: Pose) -> Frame {
     Frame {
         name: name.to_owned(),

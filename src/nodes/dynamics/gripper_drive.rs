@@ -1,4 +1,4 @@
-//! The drive of a gripper's joint. Nothing else moves that joint: commands and motions of the arm have no effect on it.
+//! Drive of a gripper's joint. Commands and motions of the arm have no effect on this joint.
 
 use super::{params::GripperParams, robot::Robot};
 use crate::{
@@ -7,21 +7,21 @@ use crate::{
     model::Model,
 };
 
-/// A gripper: its joint, its servo, and the goal that the scenario gives it at a time.
+/// A gripper: its joint, its servo, and the closing time from the scenario.
 pub struct GripperDrive {
     joint: usize,
     servo: GripperServo,
-    /// The servo at the start.
+    /// Initial servo state.
     start: GripperServo,
     /// Effort of the last step \[N or N m\].
     effort: f64,
-    /// When the gripper closes, and where \[s, m or rad\].
+    /// Closing time \[s\] and the position to close to \[m or rad\].
     closing: Option<(f64, f64)>,
     has_closed: bool,
 }
 
 impl GripperDrive {
-    /// The drive of a robot's gripper, which holds its position at the start. `rigid` is the robot with deformable bodies
+    /// Drive of a gripper, which holds its initial position. `rigid` is the model of the robot with deformable bodies
     /// undeformed.
     ///
     /// # Errors
@@ -68,7 +68,7 @@ impl GripperDrive {
         self.joint
     }
 
-    /// Where it moves, within its limits.
+    /// The goal, with its position within the limits.
     pub fn goal(&self) -> &GripperGoal {
         self.servo.goal()
     }
@@ -88,7 +88,7 @@ impl GripperDrive {
         self.servo.set_goal(goal, robot.state().q[self.joint]);
     }
 
-    /// Closes, if that is due at `time` \[s\].
+    /// Begins to close if the closing time has come at `time` \[s\].
     pub fn follow_schedule(&mut self, robot: &Robot, time: f64) {
         if let Some((at, position)) = self.closing
             && time >= at - 1e-9
@@ -99,14 +99,14 @@ impl GripperDrive {
         }
     }
 
-    /// Sets the effort for a step of `dt` \[s\] among the robot's `efforts`.
+    /// Computes the effort for a step of `dt` \[s\], and sets it in the robot's input.
     pub fn hold_effort(&mut self, robot: &mut Robot, dt: f64) {
         let (q, qd) = (robot.state().q[self.joint], robot.state().qd[self.joint]);
         self.effort = self.servo.effort(q, qd, dt);
         robot.input_mut().efforts[self.joint] = self.effort;
     }
 
-    /// It holds its position at the start, and closes again when that is due.
+    /// Restores the initial state: the gripper holds its initial position, and will close at its closing time.
     pub fn reset(&mut self) {
         self.servo = self.start.clone();
         self.effort = 0.0;
@@ -114,7 +114,7 @@ impl GripperDrive {
     }
 }
 
-/// Inertia that a joint moves while the others do not, with the base free \[kg or kg m²\].
+/// Inertia that `joint` moves while the other joints are fixed and the base floats freely \[kg or kg m²\].
 fn moved_inertia(model: &Model, robot: &Robot, joint: usize) -> f64 {
     let mut workspace = Workspace::new(model);
     workspace.set_positions(&robot.state().q);

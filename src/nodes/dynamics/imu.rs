@@ -11,7 +11,7 @@ use crate::{
     ros::{Declare, Time},
 };
 
-/// Errors of the unit. All zero is an ideal one.
+/// Measurement errors of the unit. All zero: an ideal unit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ImuParams {
     /// Standard deviation of each component of a measured angular velocity \[rad/s\].
@@ -60,30 +60,29 @@ impl ImuParams {
 }
 
 impl ImuParams {
-    /// Change of the gyro's bias in the tick numbered `tick`, which took `seconds` \[s\].
+    /// Change of the gyro's bias in tick number `tick`, of duration `seconds` \[s\].
     pub(super) fn bias_step(&self, tick: u64, seconds: f64) -> Vector3<f64> {
         if self.gyro_bias_walk == 0.0 {
             return Vector3::zeros();
         }
-        // Other numbers than those of the noise.
+        // Random numbers independent of those of the noise.
         let mut random = StdRng::seed_from_u64(!(self.seed.rotate_left(32) ^ tick));
         let mut normal = || random.sample::<f64, _>(StandardNormal);
         Vector3::new(normal(), normal(), normal()) * (self.gyro_bias_walk * seconds.sqrt())
     }
 }
 
-/// The present measurement. The unit does not measure orientation. There is no gravity, and the unit feels forces on
-/// the base, so the accelerometer's reading is the acceleration of the base frame's origin.
+/// The current measurement. The unit does not measure orientation. There is no gravity, so the accelerometer measures
+/// the acceleration of the base frame's origin.
 ///
-/// The noise depends on the seed and on the number of the state only, so a state that is published twice has one
-/// measurement.
+/// The noise depends only on the seed and the number of the state: publishing a state twice gives the same measurement.
 pub fn imu(stamp: Time, base: &str, world: &mut World) -> sensor_msgs::Imu {
     let mut message = imu_message(base, world.imu());
     update_imu(&mut message, stamp, world);
     message
 }
 
-/// A message of the unit on the frame `base`, to be updated.
+/// Template of an IMU message of the frame `base`, for [`update_imu`].
 pub(super) fn imu_message(base: &str, params: &ImuParams) -> sensor_msgs::Imu {
     sensor_msgs::Imu {
         header: header(Time::ZERO, base),
@@ -105,19 +104,19 @@ pub(super) fn update_imu(message: &mut sensor_msgs::Imu, stamp: Time, world: &mu
     message.linear_acceleration = vector_to_msg(&acceleration);
 }
 
-/// The angular velocity of [`imu`] alone \[rad/s\], base axes, without accelerations, which are not computed.
+/// The measured angular velocity alone \[rad/s\], base axes; cheaper than [`imu`], as no accelerations are computed.
 pub fn gyro(world: &World) -> Vector3<f64> {
     measured_rate(world).0
 }
 
-/// The measured angular velocity, and the generator of the rest of the noise.
+/// The measured angular velocity, and the noise generator for the rest of the measurement.
 fn measured_rate(world: &World) -> (Vector3<f64>, NoiseGenerator) {
     let params = world.imu();
     let biased = world.robot.V_WB_B().angular + world.gyro_bias();
     let mut random = NoiseGenerator::new(params.seed.rotate_left(32) ^ world.ticks());
     let measured = match params.gyro_noise == 0.0 {
         true => {
-            // The numbers of the accelerometer are the next ones.
+            // Skips the gyro's numbers: the accelerometer's noise is the same with and without gyro noise.
             random.skip += 3;
             biased
         }
@@ -134,13 +133,13 @@ fn with_noise(truth: Vector3<f64>, noise: f64, random: &mut NoiseGenerator) -> V
     }
 }
 
-/// Normal numbers of a state, which are the same whenever they are drawn. The generator is seeded with the first one:
-/// an ideal unit needs none.
+/// Normally distributed numbers that depend only on the seed. The generator is created with the first number, since an
+/// ideal unit needs none.
 struct NoiseGenerator {
     seed: u64,
-    /// Made with the first number.
+    /// Created with the first number.
     random: Option<StdRng>,
-    /// Numbers to leave out before the next one.
+    /// Numbers to skip before the next one.
     skip: u32,
 }
 

@@ -1,11 +1,11 @@
-//! Messages on `joint_commands`, validated before they act.
+//! Validation of messages on `joint_commands`.
 
 use crate::{model::Model, msg::sensor_msgs::JointState};
 
-/// Setpoint of a command for a joint.
+/// Setpoint for a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Setpoint {
-    /// Effort to hold \[N m or N\].
+    /// Effort \[N m or N\] to hold.
     Effort(f64),
     /// Rate to drive to \[rad/s or m/s\].
     Rate(f64),
@@ -25,7 +25,7 @@ impl<'a> JointCommand<'a> {
         self.setpoints
     }
 
-    /// Whether it gives an effort: its sender closes a loop.
+    /// Whether it sets an effort: then its sender closes a control loop.
     pub fn has_efforts(&self) -> bool {
         let is_effort = |(_, setpoint): &(usize, Setpoint)| matches!(setpoint, Setpoint::Effort(_));
         self.setpoints.iter().any(is_effort)
@@ -41,10 +41,10 @@ pub struct CommandLimits {
     pub rate: f64,
 }
 
-/// Largest position in a command \[rad or m\]. A position beyond the joint's limits is cut to them.
+/// Largest position in a command \[rad or m\]. A smaller one beyond the joint's limits is clamped to them.
 const LARGEST_POSITION: f64 = 1e6;
 
-/// One of the lists of a message.
+/// One of a message's lists: positions, velocities or efforts.
 struct List<'a> {
     one: &'static str,
     many: &'static str,
@@ -54,7 +54,7 @@ struct List<'a> {
     setpoint: fn(f64) -> Setpoint,
 }
 
-/// Validates messages. Keeps the memory for setpoints between them.
+/// Validates messages. Reuses the memory for setpoints.
 #[derive(Debug)]
 pub struct CommandReader {
     limits: CommandLimits,
@@ -70,11 +70,11 @@ impl CommandReader {
         }
     }
 
-    /// Reads a message: efforts, rates or positions by joint name. The list that is not empty decides which of them it
-    /// commands. If several are not empty, each joint has one value that is a number, and NaN in the other lists.
+    /// Reads a message: efforts, rates or positions by joint name. The non-empty list determines the kind of setpoint.
+    /// If several lists are non-empty, each joint must have a number in exactly one of them, and NaN in the others.
     ///
     /// # Errors
-    /// A line that names what is wrong and what would be right; such a message has no effect.
+    /// A line that names the mistake and the correct form; such a message has no effect.
     pub fn read<'a>(
         &'a mut self,
         message: &JointState,
@@ -133,7 +133,7 @@ impl CommandReader {
                     joint_names(model)
                 ));
             };
-            // With one list, NaN is a mistake.
+            // If only one list is non-empty, NaN is an error.
             let is_given =
                 |list: &&List| is_filled(list) && (filled == 1 || !list.values[i].is_nan());
             let mut given = all.iter().filter(is_given);
@@ -149,7 +149,7 @@ impl CommandReader {
                 ));
             }
             let value = list.values[i];
-            // NaN is not within the limit either.
+            // This is false for NaN, too.
             let is_valid = value.abs() <= list.largest;
             if !is_valid {
                 return Err(format!(

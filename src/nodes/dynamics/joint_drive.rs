@@ -1,5 +1,5 @@
-//! The drives of the robot's joints: held efforts, a velocity servo, a position servo, or a motion of the whole arm; and
-//! grippers.
+//! Drives of the robot's joints: held efforts, a velocity servo, a position servo, or a motion of the whole arm; and
+//! drives of grippers.
 
 use super::{
     external_wrenches::ExternalWrenches, gripper_drive::GripperDrive, joint_command::Setpoint,
@@ -13,54 +13,54 @@ use crate::{
     model::Model,
 };
 
-/// Longest sampling period of a servo, relative to the time constant of its fastest motion at the start. It overshoots
-/// above 1 and is unstable above 2.
+/// Longest sampling period of a servo, relative to its smallest time constant in the initial posture. The servo
+/// overshoots above 1 and is unstable above 2.
 const SERVO_PERIOD: f64 = 0.5;
 
-/// Deviation of a joint from its reference beyond which a motion that follows begins at the joint itself \[rad or m;
-/// per s\].
+/// Tracking errors of a joint (position, rate) beyond which its reference counts as lost: the next motion then begins
+/// at the measured state \[rad or m; per s\].
 const LOST: (f64, f64) = (0.05, 0.5);
 
 /// Mode of the drive of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
-    /// It holds an effort.
+    /// Holds an effort.
     Effort,
     /// A servo drives the rate to a reference.
     Rate,
     /// A servo drives the position to a reference.
     Position,
-    /// It belongs to a gripper, whatever the arm does.
+    /// Driven by a gripper's servo, independently of the arm.
     Gripper,
 }
 
 /// Mode of the drives of all joints except grippers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DriveMode {
-    /// They hold efforts.
+    /// All joints hold efforts.
     Effort,
-    /// A servo drives the joint rates to references.
+    /// A servo tracks joint rates.
     Rate,
-    /// A servo holds positions.
+    /// A servo holds joint positions.
     Position,
-    /// Several of these, depending on the joint.
+    /// Different modes for different joints.
     Mixed,
     /// A motion of the whole arm.
     Motion,
 }
 
-/// The servos of the drives.
+/// Settings of the servos.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DriveConfig {
-    /// The servo of rates.
+    /// Velocity servo.
     pub velocity: VelocityServoConfig,
-    /// Bandwidth of the servo of positions and motions \[rad/s\].
+    /// Bandwidth of the position servo, which also tracks motions \[rad/s\].
     pub position_bandwidth: f64,
 }
 
-/// The drives of one robot. They act on its held efforts ([`Robot::efforts`]), which are stored there only.
+/// The drives of one robot. They set its held efforts ([`Robot::efforts`]), which are stored only in the robot.
 pub struct JointDrive {
-    /// The robot with all its inertia, and with deformable bodies undeformed.
+    /// Model of the robot with all its inertia; deformable bodies are undeformed.
     model: Model,
     kinds: Vec<Kind>,
     grippers: Vec<GripperDrive>,
@@ -72,19 +72,19 @@ pub struct JointDrive {
     /// Start and length of the last step of a motion \[s\].
     last_step: (f64, f64),
     motion: Option<ArmMotion>,
-    /// Number of motions begun or ended so far.
+    /// Number of motions begun or ended so far; see [`Self::changes`].
     changes: u64,
     duties: Vec<JointDuty>,
-    /// Longest sampling periods of the servos of rates and positions \[s\].
+    /// Longest sampling periods of the velocity and position servos \[s\].
     periods: [f64; 2],
     mean_efforts: MeanEfforts,
 }
 
 impl JointDrive {
-    /// Drives that hold zero efforts, and grippers that hold their positions.
+    /// Initial drives: joints hold zero effort, grippers hold their positions.
     ///
     /// # Errors
-    /// A line that names the wrong parameter of the servo or of a gripper.
+    /// A line that names the invalid parameter of the servo or of a gripper.
     pub fn new(
         robot: &Robot,
         config: &DriveConfig,
@@ -118,13 +118,13 @@ impl JointDrive {
         })
     }
 
-    /// Mode of the drives.
+    /// Common mode of the drives, grippers excepted.
     pub fn mode(&self) -> DriveMode {
         if self.motion.is_some() {
             return DriveMode::Motion;
         }
         let are_all = |kind| (self.kinds.iter()).all(|k| *k == kind || *k == Kind::Gripper);
-        // A robot without joints is in the first mode.
+        // A robot without joints is in effort mode.
         if are_all(Kind::Effort) {
             DriveMode::Effort
         } else if are_all(Kind::Rate) {
@@ -136,7 +136,7 @@ impl JointDrive {
         }
     }
 
-    /// Number of motions begun or ended so far: it changes when a motion is replaced.
+    /// Number of motions begun or ended so far. A changed number means that a motion has ended or was replaced.
     pub fn changes(&self) -> u64 {
         self.changes
     }
@@ -146,9 +146,9 @@ impl JointDrive {
         self.mean_efforts.means()
     }
 
-    /// Sets what joints do, cut to their limits. Other joints keep what they do; a motion of the arm ends, and its
-    /// other joints come to rest. Setpoints of grippers' joints have no effect. Returns which kind of setpoint was cut,
-    /// if any.
+    /// Sets setpoints of joints, clamped to the joints' limits. Other joints keep their setpoints. A motion of the arm
+    /// ends, and joints without a new setpoint come to rest. Setpoints for grippers' joints are ignored. Returns which
+    /// kind of setpoint was clamped, if any.
     pub fn command(
         &mut self,
         robot: &mut Robot,
@@ -192,8 +192,8 @@ impl JointDrive {
         cut
     }
 
-    /// Holds `efforts` (joint index, effort \[N m or N\]), cut to the joints' limits. Other joints keep what they do.
-    /// Returns whether any was cut.
+    /// Holds `efforts` (joint index, effort \[N m or N\]), clamped to the joints' limits. Other joints keep their
+    /// setpoints. Returns whether any was clamped.
     pub fn hold_efforts(
         &mut self,
         robot: &mut Robot,
@@ -205,8 +205,8 @@ impl JointDrive {
         self.command(robot, setpoints).is_some()
     }
 
-    /// Drives the joint rates to `rates` (joint index, rate \[rad/s or m/s\]), cut to the joints' limits. Other joints
-    /// keep what they do. Returns whether any was cut.
+    /// Drives joints at `rates` (joint index, rate \[rad/s or m/s\]), clamped to the joints' limits. Other joints keep
+    /// their setpoints. Returns whether any was clamped.
     pub fn drive_rates(
         &mut self,
         robot: &mut Robot,
@@ -216,9 +216,9 @@ impl JointDrive {
         self.command(robot, setpoints).is_some()
     }
 
-    /// Begins a motion of all joints at `time` \[s\], which replaces their commands.
+    /// Begins a motion of all joints at `time` \[s\], which replaces their setpoints.
     pub fn begin(&mut self, robot: &Robot, motion: ArmMotion, time: f64) {
-        // It may end before its first step.
+        // The motion may end before its first step.
         self.reference = self.present(robot);
         self.last_step = (time, 0.0);
         self.changes += 1;
@@ -233,7 +233,8 @@ impl JointDrive {
         }
     }
 
-    /// The joints' motion now: where their references are, or they themselves if they have none or have lost it.
+    /// The joints' current motion: their references, or the measured state of joints that have no reference or have
+    /// lost it.
     pub fn present(&self, robot: &Robot) -> Vec<JointPoint> {
         let state = robot.state();
         let joints = self.kinds.iter().enumerate().map(|(j, kind)| {
@@ -259,7 +260,7 @@ impl JointDrive {
         joints.collect()
     }
 
-    /// Where the reference of joint `j` is at the end of the last step.
+    /// Reference of joint `j` at the end of the last step.
     fn reference_now(&self, j: usize) -> JointPoint {
         let (from, (start, t)) = (&self.reference[j], self.last_step);
         let motion = self.motion.as_ref();
@@ -271,18 +272,18 @@ impl JointDrive {
         }
     }
 
-    /// Where the references of a motion are; `None` without one.
+    /// Current references of the motion; `None` without a motion.
     pub fn references(&self) -> Option<impl Iterator<Item = JointPoint> + '_> {
         (self.motion.is_some()).then(|| (0..self.kinds.len()).map(|j| self.reference_now(j)))
     }
 
-    /// When the motion is over \[s\]; without one, long ago.
+    /// End of the motion \[s\]; minus infinity without a motion.
     pub fn motion_end(&self) -> f64 {
         let end = self.motion.as_ref().map(ArmMotion::end);
         end.unwrap_or(f64::NEG_INFINITY)
     }
 
-    /// Ends a motion: its joints come to rest within a few time constants of the servo, and are held.
+    /// Ends a motion: the joints come to rest within a few time constants of the servo, and hold their positions.
     fn settle(&mut self, robot: &Robot) {
         if self.motion.is_none() {
             return;
@@ -305,8 +306,8 @@ impl JointDrive {
         self.changes += 1;
     }
 
-    /// The safe state without commands: driven rates become zero, which stops the arm, and held efforts become zero,
-    /// which lets it coast. Positions stay held, and a motion ends in one.
+    /// Safe state when commands end: driven rates become zero, which stops the joints; held efforts become zero, which
+    /// lets them coast; positions stay held; a motion ends with the joints held.
     pub fn halt(&mut self, robot: &mut Robot) {
         self.settle(robot);
         self.servo.halt();
@@ -317,7 +318,7 @@ impl JointDrive {
         }
     }
 
-    /// Holds zero efforts; grippers go on.
+    /// Sets all joints to zero effort; grippers keep their goals.
     pub fn release(&mut self, robot: &mut Robot) {
         self.changes += u64::from(self.motion.take().is_some());
         for kind in self.kinds.iter_mut().filter(|k| **k != Kind::Gripper) {
@@ -326,7 +327,7 @@ impl JointDrive {
         robot.release();
     }
 
-    /// Everything is as at the start.
+    /// Restores the initial state.
     pub fn reset(&mut self, robot: &mut Robot) {
         self.release(robot);
         self.grippers.iter_mut().for_each(GripperDrive::reset);
@@ -334,13 +335,13 @@ impl JointDrive {
         self.mean_efforts.reset();
     }
 
-    /// Forgets the efforts since the last tick, of a motion that is discarded.
+    /// Discards the efforts recorded since the last tick, because that motion has diverged.
     pub fn discard_efforts(&mut self) {
         self.mean_efforts.reset();
     }
 
-    /// Advances the robot from `time` by `seconds` in integration steps of at most `time_step` \[s\], under external
-    /// `wrenches`.
+    /// Advances the robot from `time` by `seconds` in integration steps of at most `time_step` \[s\], under held
+    /// efforts, servos and external `wrenches`.
     pub fn step(
         &mut self,
         robot: &mut Robot,
@@ -387,8 +388,8 @@ impl JointDrive {
         }
     }
 
-    /// If all joints hold their efforts, and there are no grippers: counts these for `seconds`, and returns length \[s\] and
-    /// number of the integration steps of at most `time_step` \[s\].
+    /// If all joints hold efforts and there are no grippers: records the efforts for `seconds`, and returns length
+    /// \[s\] and number of integration steps of at most `time_step` \[s\].
     pub fn begin_held(
         &mut self,
         robot: &Robot,
@@ -404,12 +405,12 @@ impl JointDrive {
         Some((seconds / steps as f64, steps))
     }
 
-    /// Counts an effort of `joint` that is not the drive's, for `seconds`, among the mean efforts.
+    /// Adds an effort that does not come from the drive, acting on `joint` for `seconds`, to the mean efforts.
     pub fn add_effort(&mut self, joint: usize, effort: f64, seconds: f64) {
         self.mean_efforts.add_one(joint, effort, seconds);
     }
 
-    /// Sets the servos' efforts for a step of `dt` \[s\] that begins at `now` \[s\].
+    /// Computes the servos' efforts for a step of `dt` \[s\] that begins at `now` \[s\].
     fn set_efforts(&mut self, robot: &mut Robot, mode: DriveMode, now: f64, dt: f64) {
         if mode == DriveMode::Rate {
             let efforts = self.servo.efforts(&self.model, robot.state(), dt);
@@ -423,7 +424,7 @@ impl JointDrive {
         for (j, duty) in self.duties.iter_mut().enumerate() {
             let rate = self.servo.reference()[j];
             *duty = match (&self.motion, self.kinds[j], &self.rate_gains) {
-                // A gripper's effort is that of its last step.
+                // A gripper's own servo sets its effort afterwards; here the effort of the last step is kept.
                 (_, Kind::Gripper, _) | (None, Kind::Effort, _) => {
                     JointDuty::Effort(robot.efforts()[j])
                 }
@@ -443,10 +444,10 @@ impl JointDrive {
         &self.grippers
     }
 
-    /// A gripper moves to a goal from now on.
+    /// Sets the goal of a gripper.
     ///
     /// # Panics
-    /// If there are fewer grippers.
+    /// If there is no gripper of this index.
     pub fn set_gripper_goal(&mut self, robot: &Robot, gripper: usize, goal: GripperGoal) {
         self.grippers[gripper].set_goal(robot, goal);
     }
@@ -457,7 +458,7 @@ impl JointDrive {
     }
 }
 
-/// Number of equal steps of at most `longest` that `seconds` are divided into.
+/// Number of equal steps of at most `longest` \[s\] into which `seconds` are divided.
 pub fn step_count(seconds: f64, longest: f64) -> usize {
     // A rounding error above a whole number of steps must not add a step.
     (seconds / longest - 1e-6).ceil().max(1.0) as usize

@@ -1,4 +1,4 @@
-//! Loop closures as parameters: URDF, which is a tree, cannot describe them.
+//! Parameters of loop closures, which URDF cannot describe, since it describes trees only.
 
 use nalgebra::{Rotation3, Translation3};
 
@@ -15,7 +15,7 @@ use crate::{
 pub struct LoopParams {
     /// Name.
     pub name: String,
-    /// First end, whose axes are those of the constrained directions.
+    /// First end; the constrained directions are along its axes.
     pub frame_a: EndParams,
     /// Second end.
     pub frame_b: EndParams,
@@ -36,7 +36,7 @@ impl LoopParams {
     /// Declares `loop_closures` and the parameters of each closure, and reads them.
     ///
     /// # Errors
-    /// A line that names a required parameter that is not given, or a closure that is given twice.
+    /// A line that names a missing required parameter, or a closure that is declared twice.
     pub fn declare(declare: &mut Declare) -> Result<Vec<Self>, String> {
         let description = "Names of the closures that close loops in the robot's tree";
         let closures = declare_each(declare, "loop_closures", description, Self::declare_one)?;
@@ -118,7 +118,7 @@ impl EndParams {
         })
     }
 
-    /// Moves a link's frame to this end.
+    /// Moves a link's frame to the end of the closure.
     fn shift(&self, frame: &mut Frame) {
         frame.X_BF *= self.X_LE;
     }

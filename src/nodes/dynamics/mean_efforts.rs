@@ -1,7 +1,7 @@
-//! Mean joint efforts between two published states.
+//! Mean joint efforts between two states that are published in succession.
 
-/// Integrates joint efforts over time and gives their mean per tick, however often commands changed them in between:
-/// mean effort times displacement is work.
+/// Mean joint effort per tick, computed from the time integral of the effort, whatever commands arrive within the tick:
+/// mean effort times displacement is approximately the work.
 #[derive(Debug, Clone)]
 pub struct MeanEfforts {
     /// Joint efforts integrated since the last tick \[N m s or N s\].
@@ -11,7 +11,7 @@ pub struct MeanEfforts {
 }
 
 impl MeanEfforts {
-    /// Zero, for a number of joints.
+    /// Zero efforts of a number of joints.
     pub fn new(joints: usize) -> Self {
         Self {
             impulses: vec![0.0; joints],
@@ -44,7 +44,7 @@ impl MeanEfforts {
         &self.means
     }
 
-    /// Everything is zero again.
+    /// Sets integrals and means to zero.
     pub fn reset(&mut self) {
         self.impulses.fill(0.0);
         self.means.fill(0.0);

@@ -1,7 +1,7 @@
-//! The world as messages.
+//! Conversion of the world's state to messages.
 //!
-//! Messages that are published at every state are made once and updated in place (`update_...`), so that the names in
-//! them are not copied again.
+//! Messages that are published at every state are created once and updated in place (`update_...`), so that names in
+//! them are not copied for every state.
 
 use nalgebra::{Rotation3, Translation3};
 
@@ -24,24 +24,24 @@ use crate::{
 /// Name of the inertial frame.
 pub const WORLD: &str = "world";
 
-/// The frames of the robot or of a target: those that joints move and those fixed to another frame.
+/// The frames of the robot or of a target, divided into moving frames (`/tf`) and fixed ones (`/tf_static`).
 pub struct FrameTree {
-    /// Frames that joints move, each with its parent frame.
+    /// Frames moved by joints, each with its parent frame.
     moving: Vec<(Frame, Frame)>,
-    /// Frames that do not move in their parent frame, each with it.
+    /// Frames fixed to their parent frames, each with its parent frame.
     fixed: Vec<(Frame, Frame)>,
-    /// Attachments of deformable bodies.
+    /// Attachment frames of deformable bodies.
     attachments: Vec<Attachment>,
     base: String,
 }
 
-/// Frames of a deformable body: that of its attachment, with the body's name, and that of its tip.
+/// Frames of a deformable body: its attachment frame, which has the body's name, and its tip frame.
 struct Attachment {
     name: String,
-    /// The link that carries it, and the pose of the attachment in that link's frame.
+    /// The link that carries the body, and the pose of the attachment in that link's frame.
     link: String,
     X_LA: Pose,
-    /// Name of the tip's frame; `None` for a body without output points.
+    /// Name of the tip frame; `None` for a body without output points.
     tip: Option<String>,
 }
 
@@ -71,7 +71,7 @@ impl FrameTree {
         }
     }
 
-    /// The frames of a target: its root link's is called `target`, that of any other link L `target/L`.
+    /// The frames of a target: `target` for its root link, `target/L` for any other link L.
     pub fn of_target(target: &str, model: &Model) -> Self {
         Self::named(model, |link| Self::name_in_target(target, model, link))
     }
@@ -84,7 +84,7 @@ impl FrameTree {
         }
     }
 
-    /// The frames of `model`, called what `name` makes of their links' names.
+    /// The frames of `model`, each named by applying `name` to its link's name.
     fn named(model: &Model, name: impl Fn(&str) -> String) -> Self {
         let renamed = |frame: &Frame| Frame {
             name: name(&frame.name),
@@ -102,14 +102,14 @@ impl FrameTree {
         }
     }
 
-    /// The frame called `name`, unless it is the root's.
+    /// The frame called `name`; never the root frame.
     pub(super) fn find(&self, name: &str) -> Option<&Frame> {
         let all = self.moving.iter().chain(&self.fixed);
         let mut frames = all.map(|(frame, _)| frame);
         frames.find(|frame| frame.name == name)
     }
 
-    /// Transforms of the frames that do not move in their parent frame.
+    /// Transforms of the fixed frames.
     pub(super) fn fixed_transforms(&self) -> Vec<geometry_msgs::TransformStamped> {
         let fixed = self.fixed.iter().map(|(frame, parent)| {
             let X_PF = parent.X_BF.inverse() * frame.X_BF;
@@ -118,14 +118,14 @@ impl FrameTree {
         fixed.collect()
     }
 
-    /// Names of the frames that move, parent and child: the root's in the world first.
+    /// Parent and child names of the moving frames, beginning with the root frame in the world.
     fn moving_names(&self) -> impl Iterator<Item = (&str, &str)> {
         let links = self.moving.iter();
         let links = links.map(|(frame, parent)| (parent.name.as_str(), frame.name.as_str()));
         std::iter::once((WORLD, self.base.as_str())).chain(links)
     }
 
-    /// Poses of the links that joints move in their parent frames, in the order of [`Self::moving_names`].
+    /// Poses of the moving links in their parent frames, in the order of [`Self::moving_names`], without the root.
     /// `X_BF` gives the pose of a frame in the base frame.
     fn link_poses(&self, X_BF: impl Fn(&Frame) -> Pose) -> impl Iterator<Item = Pose> {
         let links = self.moving.iter();
@@ -184,8 +184,8 @@ impl FrameTree {
     }
 }
 
-/// Pose of each appendage's tip, or first output point, in the frame of its attachment. The frame of an elastic link is
-/// at its tip.
+/// Pose of each appendage's tip, or first output point, in its attachment frame. Elastic links are left out: the link's
+/// own frame is at the tip.
 fn tip_poses(robot: &FlexibleFloating) -> impl Iterator<Item = Pose> + '_ {
     let appendages = robot.system().modal_bodies().iter();
     let appendages = appendages.filter(|body| body.section.is_none());
@@ -206,7 +206,7 @@ pub(super) fn header(stamp: Time, frame_id: &str) -> std_msgs::Header {
     }
 }
 
-/// A transform with the stamp zero.
+/// A transform with a zero stamp.
 fn transform(parent: &str, child: &str, X: &Pose) -> geometry_msgs::TransformStamped {
     geometry_msgs::TransformStamped {
         header: header(Time::ZERO, parent),
@@ -222,7 +222,7 @@ pub fn joint_states(stamp: Time, base: &str, world: &World) -> sensor_msgs::Join
     message
 }
 
-/// Joint positions and rates of a target. Nobody drives its joints: efforts are zero.
+/// Joint positions and rates of a target. Its joints have no drives: efforts are zero.
 pub fn target_joint_states(stamp: Time, target: &Target) -> sensor_msgs::JointState {
     let mut message = joint_state_message(target.body.model(), &target.name);
     update_target_joint_states(&mut message, stamp, target);
@@ -238,7 +238,7 @@ pub(super) fn update_target_joint_states(
     update_joint_motion(message, stamp, target.body.state());
 }
 
-/// Joint states of a tree with the root frame `base`, to be updated.
+/// Template of a joint states message for a model with the root frame `base`.
 fn joint_state_message(model: &Model, base: &str) -> sensor_msgs::JointState {
     let zeros = vec![0.0; model.dof()];
     sensor_msgs::JointState {
@@ -273,7 +273,7 @@ pub fn odometry(stamp: Time, child: &str, body: &impl FreeBody) -> nav_msgs::Odo
     message
 }
 
-/// An odometry message of the frame `child`, to be updated.
+/// Template of an odometry message for the frame `child`.
 pub(super) fn odometry_message(child: &str) -> nav_msgs::Odometry {
     nav_msgs::Odometry {
         header: header(Time::ZERO, WORLD),
@@ -298,7 +298,7 @@ pub fn momentum(stamp: Time, body: &impl FreeBody) -> fuyu_msgs::Momentum {
     message
 }
 
-/// A momentum message, to be updated.
+/// Template of a momentum message.
 pub(super) fn momentum_message() -> fuyu_msgs::Momentum {
     fuyu_msgs::Momentum {
         header: header(Time::ZERO, WORLD),
@@ -327,7 +327,7 @@ pub fn external_impulse(stamp: Time, change: &ExternalChange) -> fuyu_msgs::Exte
     message
 }
 
-/// Message with the external impulse, to be updated.
+/// Template of an external impulse message.
 pub(super) fn external_impulse_message() -> fuyu_msgs::ExternalImpulse {
     fuyu_msgs::ExternalImpulse {
         header: header(Time::ZERO, WORLD),

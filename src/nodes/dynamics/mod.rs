@@ -1,47 +1,47 @@
 //! The dynamics node: simulates the free-floating robot and publishes simulated time.
 //!
-//! # When a command acts
+//! # When a command takes effect
 //!
-//! In real time a command acts from the moment it arrives: the world is first stepped to that moment under the old
-//! efforts. In lockstep it acts from the state that it answers. Without lockstep, time keeps the pace of the computer's
-//! clock but waits up to `answer_timeout` for a commander that has answered states so far (`response_tracking`).
+//! In real time a command takes effect when it arrives: the world is first stepped to that moment under the previous
+//! efforts. In lockstep it takes effect at the state that it answers. Without lockstep, simulated time keeps the pace
+//! of the computer's clock, but waits up to `answer_timeout` for a commander that has answered states so far
+//! (`response_tracking`).
 //!
-//! # What a command does
+//! # Effect of a command
 //!
-//! In a message on `joint_commands`, `effort` sets efforts to hold. `velocity` sets rates: a servo in the robot's drives
-//! ([`VelocityServo`](crate::control::VelocityServo)) brings the joints to these rates, within its bandwidth and the joints'
-//! effort limits. `position` sets positions that a stiff servo holds. Joints that a command does not name keep their
-//! command. When commands end, held efforts become zero (the arm coasts), commanded rates become zero (the arm stops), and
-//! positions stay held (`joint_drive`).
+//! In a message on `joint_commands`, `effort` sets efforts to hold. `velocity` sets rates: a velocity servo in the
+//! robot's drives ([`VelocityServo`](crate::control::VelocityServo)) tracks them, within its bandwidth and the joints'
+//! effort limits. `position` sets positions that a stiff servo holds. Joints that a message does not name keep their
+//! setpoints. When commands end, held efforts become zero (the arm coasts), commanded rates become zero (the arm
+//! stops), and positions stay held (`joint_drive`).
 //!
 //! Motions of the whole arm are joint trajectories (topic and action), paths and twists of the tip (`motions`). Each
-//! begins with the joints' present motion, and holds the arm when it is over. External wrenches act on any link
-//! (`wrench_inputs`, `external_wrenches`). Excitations of the scenario add sine waves and pulses to efforts, wheel torques
-//! and wrenches (`excitations`).
+//! begins at the joints' current position and rate, and holds the arm at its end. External wrenches act on any link
+//! (`wrench_inputs`, `external_wrenches`). Excitations in the scenario add sine waves and pulses to efforts, wheel
+//! torques and wrenches (`excitations`).
 //!
-//! Torques of wheels are held as joint efforts are, thrusters are on for the time that their command states
-//! (`actuator_inputs`).
+//! Wheel torques are held as joint efforts are; thrusters stay on for the time in their command (`actuator_inputs`).
 //!
-//! The robot can hold targets: a frame of the robot and a frame of a target latch at a given time, when they are close, or
-//! on command; robot and target are one system from then on (`grasps`, `world::grasping`).
+//! The robot can hold targets: a frame of the robot and a frame of a target latch at a given time, when they are close,
+//! or on command; from then on robot and target are one system (`grasps`, `world::grasping`).
 //!
 //! Grippers are joints that only their actions move (`gripper_actions`, `gripper_drive`).
 //!
-//! Bodies with `<collision>` elements touch if the scenario has parameters of contact: robot and targets are then
-//! stepped together (`contacts`, `touching`, `world::contact`).
+//! Bodies with `<collision>` elements come into contact if the scenario has contact parameters: robot and targets are
+//! then integrated together (`contacts`, `touching`, `world::contact`).
 //!
-//! Several robots in one world have a dynamics node each; one owns the time, the others follow `/clock`
+//! Several robots in one world have a dynamics node each; one node owns the time, the others follow `/clock`
 //! (`shared_time`).
 //!
-//! One commander at a time commands the joints; others are refused until it has left or is silent for `command_timeout`
-//! (`command_arbiter`). Efforts beyond a joint's limit are cut to the limit; a command with an effort beyond `max_effort` is
-//! refused (`joint_command`).
+//! A command arbiter admits one commander of the joints at a time; others are refused until it has left the graph or is
+//! silent for `command_timeout` (`command_arbiter`). An effort beyond a joint's limit is clamped to the limit; a
+//! command with an effort beyond `max_effort` is refused (`joint_command`).
 //!
 //! # Parts
 //!
-//! `simulation` is the loop. It joins the `clock`, `command_handling`, the `world`, the `outputs` and the
-//! `services` of `simulation_interfaces`. The node is a managed one ([`Lifecycle`]): configured it has its world and
-//! endpoints, active it simulates.
+//! `simulation` is the main loop. It combines the `clock`, `command_handling`, the `world`, the `outputs` and the
+//! `services` of `simulation_interfaces`. The node has a managed lifecycle ([`Lifecycle`]): once configured it has its
+//! world and endpoints, while active it simulates.
 
 mod actuator_inputs;
 mod clock;
@@ -111,7 +111,7 @@ use simulation::Simulation;
 /// The node's program.
 ///
 /// # Errors
-/// For wrong parameters or descriptions, or when DDS refuses.
+/// For invalid parameters or descriptions, or when DDS reports an error.
 pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let params = DynamicsParams::declare(&mut declare);

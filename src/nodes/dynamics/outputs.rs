@@ -27,16 +27,16 @@ use crate::{
     ros::{self, Node, NodeError, Publisher, Time},
 };
 
-/// Publishes the world. Messages are kept and updated in place: names in them do not change from state to state.
+/// Publishes the world. Messages are kept and updated in place, since the names in them do not change.
 pub struct Outputs {
-    /// The node's clock, which is set here: the node does not receive its own `/clock`.
+    /// The node's clock, which is set here: the node does not subscribe to its own `/clock`.
     time: ros::Clock,
     frames: FrameTree,
     /// `None` if another node owns the time.
     clock: Option<Publisher<rosgraph_msgs::Clock>>,
     joint_states: Output<sensor_msgs::JointState>,
     odometry: Output<nav_msgs::Odometry>,
-    /// One for each target, in their order.
+    /// Publishers of the targets, in the order of the world's targets.
     targets: Vec<TargetOutputs>,
     momentum: Output<fuyu_msgs::Momentum>,
     /// `None` for a robot without deformable bodies and elastic joints.
@@ -45,7 +45,7 @@ pub struct Outputs {
     _appendage_outlines: Option<Publisher<fuyu_msgs::AppendageOutlines>>,
     /// `None` for a robot without wheels.
     wheels: Option<Output<sensor_msgs::JointState>>,
-    /// `None` if nothing can act on the robot from outside.
+    /// `None` if no external wrench, thruster or contact can act on the robot.
     external_impulse: Option<Output<fuyu_msgs::ExternalImpulse>>,
     /// `None` without contact.
     contacts: Option<Publisher<ros_gz_interfaces::Contacts>>,
@@ -58,20 +58,20 @@ pub struct Outputs {
     tf_static: Publisher<tf2_msgs::TFMessage>,
     /// Kept so that late joiners receive the last message.
     _description: Publisher<std_msgs::String>,
-    /// Whether the world was changed, other than by a step, since it was published.
+    /// Whether the world was changed, other than by a step, since it was last published.
     is_outdated: bool,
     /// Number and time of the state that was published last.
     published: Option<(u64, Time)>,
 }
 
-/// A publisher with the message that it sends.
+/// A publisher with the message that it updates and sends.
 struct Output<M> {
     publisher: Publisher<M>,
     message: M,
 }
 
 impl<M: Interface> Output<M> {
-    /// Publishes the message with what `update` changes.
+    /// Updates and publishes the message.
     fn publish(&mut self, update: impl FnOnce(&mut M)) {
         update(&mut self.message);
         self.publisher.publish(&self.message);
@@ -85,18 +85,18 @@ struct TargetOutputs {
     /// `None` without joints.
     joints: Option<TargetJointOutputs>,
     description: Publisher<std_msgs::String>,
-    /// The description that was published last.
+    /// The description as last published.
     published_description: String,
 }
 
-/// Publishers of a target with joints.
+/// Publishers for the joints of a target.
 struct TargetJointOutputs {
     states: Output<sensor_msgs::JointState>,
     momentum: Output<fuyu_msgs::Momentum>,
 }
 
 impl Outputs {
-    /// Advertises all topics, `/clock` if the node `owns_time`, and publishes what does not change with time.
+    /// Advertises all topics, including `/clock` if the node `owns_time`, and publishes the data that never change.
     ///
     /// # Errors
     /// When the node cannot publish.
@@ -199,24 +199,24 @@ impl Outputs {
         })
     }
 
-    /// The world was changed, other than by a step: it has to be published.
+    /// Marks the world as changed other than by a step: it has to be published.
     pub fn invalidate(&mut self) {
         self.is_outdated = true;
     }
 
-    /// Whether the world was changed, other than by a step, since it was published.
+    /// Whether the world was changed, other than by a step, since it was last published.
     pub fn is_outdated(&self) -> bool {
         self.is_outdated
     }
 
-    /// Ends the topics of targets that have been removed.
+    /// Removes the publishers of targets that no longer exist.
     pub fn remove_targets(&mut self, world: &World) {
         self.targets
             .retain(|outputs| world.targets.iter().any(|t| t.name == outputs.name));
         self.update_frames(world);
     }
 
-    /// Advertises the topics of new targets, and ends those of targets that have been removed.
+    /// Adds publishers for new targets, and removes those of targets that no longer exist.
     ///
     /// # Errors
     /// When the node cannot publish.
@@ -239,14 +239,14 @@ impl Outputs {
         Ok(())
     }
 
-    /// The targets have changed: so have the frames.
+    /// Updates the frames after the targets have changed.
     fn update_frames(&mut self, world: &World) {
         self.tf.message = self.frames.transforms(Time::ZERO, world);
         self.tf_static
             .publish(&self.frames.static_transforms(&world.targets));
     }
 
-    /// Publishes the time of the last published state again.
+    /// Publishes the time of the last state on `/clock` again.
     pub fn repeat_time(&self) {
         if let Some(clock) = &self.clock {
             clock.publish(&rosgraph_msgs::Clock {
@@ -255,7 +255,7 @@ impl Outputs {
         }
     }
 
-    /// Publishes the world as it is.
+    /// Publishes the current state of the world.
     pub fn publish(&mut self, world: &mut World) {
         ros::publish_together(|| self.publish_state(world));
     }
@@ -263,7 +263,7 @@ impl Outputs {
     fn publish_state(&mut self, world: &mut World) {
         let stamp = Time::from_secs_f64(world.time());
         let state = Some((world.ticks(), stamp));
-        // Commands that have come meanwhile change the accelerations; a state that is published again keeps its measurements.
+        // Commands received meanwhile change the accelerations; a state that is published again keeps its measurements.
         let is_repeated = self.published == state && !self.is_outdated;
         self.published = state;
         self.is_outdated = false;
@@ -273,7 +273,7 @@ impl Outputs {
                 clock: stamp.into(),
             });
         }
-        // Before all else of this state: who answers the state has the measurements that have come.
+        // Published first, so that a node that answers the state has the attitudes delivered by then.
         if let Some(publisher) = &self.star_tracker {
             world.expose_star_tracker();
             while let Some(frame) = world.next_star_tracker_frame() {
@@ -336,7 +336,7 @@ impl TargetOutputs {
         Ok(outputs)
     }
 
-    /// Publishes the target's description if it is new, and prepares for its joints.
+    /// Publishes the target's description if it has changed, and creates the publishers for its joints.
     fn describe(&mut self, node: &Node, target: &Target) -> Result<(), NodeError> {
         if self.published_description == target.description {
             return Ok(());
@@ -345,7 +345,7 @@ impl TargetOutputs {
         self.description.publish(&std_msgs::String {
             data: target.description.clone(),
         });
-        // One publisher at a time has a topic.
+        // Drops the old publisher first: a topic has one publisher at a time.
         self.joints = None;
         if target.has_joints() {
             self.joints = Some(TargetJointOutputs::new(node, target)?);

@@ -1,4 +1,4 @@
-//! Deformable bodies, elastic joints and wheels as messages, made once and updated in place.
+//! Messages on deformable bodies, elastic joints and wheels, created once and updated in place.
 
 use super::{messages::header, params::AppendageParams, world::World};
 use crate::{
@@ -12,7 +12,7 @@ use crate::{
     ros::Time,
 };
 
-/// Deformation of appendages and elastic joints; `None` for a robot without.
+/// Deformation of appendages and elastic joints; `None` for a robot that has neither.
 pub fn appendage_states(stamp: Time, base: &str, world: &World) -> Option<AppendageStates> {
     let system = world.robot.flexible()?.system();
     if system.modal_bodies().is_empty() && system.elastic_joints().is_empty() {

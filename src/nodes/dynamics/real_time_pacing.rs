@@ -1,23 +1,23 @@
-//! Real-time pacing: when simulated times are due on the computer's clock.
+//! Real-time pacing: maps simulated time to the computer's clock.
 
 use std::time::{Duration, Instant};
 
-/// A delay above this is not caught up with: the process was stopped, or is too slow.
+/// A larger delay is not caught up with: the process was stopped, or is too slow.
 const LARGEST_DELAY: Duration = Duration::from_millis(200);
 
 /// Maps simulated time to instants by the real time factor.
 #[derive(Debug)]
 pub struct RealTimePacing {
-    /// Simulated seconds per second; zero is as fast as possible.
+    /// Simulated seconds per second of real time; zero means as fast as possible.
     factor: f64,
-    /// An instant and its simulated time \[s\].
+    /// A reference instant and its simulated time \[s\].
     origin: (Instant, f64),
     /// Instant and simulated time \[s\] at which the measurement of the achieved factor began.
     measured_from: (Instant, f64),
 }
 
 impl RealTimePacing {
-    /// Pacing with a real time factor: simulated seconds per second; zero is as fast as possible.
+    /// Pacing with a real time factor: simulated seconds per second of real time; zero means as fast as possible.
     pub fn new(factor: f64) -> Self {
         let origin = (Instant::now(), 0.0);
         Self {
@@ -27,13 +27,14 @@ impl RealTimePacing {
         }
     }
 
-    /// Simulated time advances from `time` \[s\], starting now.
+    /// Starts pacing: simulated time is `time` \[s\] now.
     pub fn start(&mut self, time: f64) {
         self.origin = (Instant::now(), time);
         self.measured_from = self.origin;
     }
 
-    /// When `time` \[s\] is due. If that is too long ago, it is due now, and later times are due relative to it.
+    /// Instant at which the simulated `time` \[s\] is due. If the delay is larger than 200 ms, it is due now, and later
+    /// times are due relative to now.
     pub fn instant(&mut self, time: f64) -> Instant {
         let now = Instant::now();
         if self.factor == 0.0 {
@@ -60,7 +61,8 @@ impl RealTimePacing {
                 * self.factor
     }
 
-    /// About once a second, with the simulated time `now` \[s\]: the factor achieved since the last measurement.
+    /// The real time factor achieved since the last measurement, about once a second; otherwise `None`. `now` is the
+    /// simulated time \[s\].
     pub fn achieved(&mut self, now: f64) -> Option<f64> {
         let elapsed = self.measured_from.0.elapsed().as_secs_f64();
         if elapsed < 1.0 {
@@ -94,7 +96,7 @@ mod tests {
         let before = Instant::now();
         let due = pace.instant(1.0);
         assert!(due <= Instant::now());
-        // The next tick is due a period later, not at once.
+        // The next tick is due a period later, not immediately.
         assert!(pace.instant(1.5) >= before + Duration::from_millis(500));
     }
 }

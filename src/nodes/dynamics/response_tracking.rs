@@ -1,46 +1,47 @@
-//! Response tracking: which published states have been answered by a command.
+//! Response tracking: which published states have been answered by a command, and whether to wait for an answer.
 
 use std::{collections::VecDeque, time::Duration};
 
 use crate::ros::Time;
 
-/// Most states by which a response may be late; a later one is none.
+/// Largest lateness of a response, in states; a later command does not count as a response.
 const MAX_LATENESS: usize = 64;
-/// Consecutive states answered in time after which earlier unanswered ones no longer count.
+/// Number of consecutive states answered in time after which earlier unanswered states no longer count.
 const RESET_AFTER_IN_TIME: u32 = 100;
-/// Consecutive states answered late after which earlier unanswered ones no longer count. A commander that skips states does not
-/// answer so many in succession.
+/// Number of consecutive states answered late after which earlier unanswered states no longer count. A commander that
+/// skips states does not answer so many in succession.
 const RESET_AFTER_LATE: u32 = 10;
 
-/// Counts the states that are answered: a command answers the state whose stamp it carries.
+/// Counts answered states. A command answers the state whose stamp it carries.
 ///
-/// A slow computer delays commands, and a control loop that is stable without the delay may not be stable with it. So
-/// simulated time can wait for a response, but only to a commander that answers states. A commander that sends whenever
-/// it likes, or answers only some states, must not stall the simulation: each state that was waited for in vain doubles
-/// the number of responses that are needed before the next wait.
+/// A slow computer delays commands, and the delay may destabilise a control loop. Therefore simulated time can wait for
+/// a response, but only to a commander that answers states. A commander that sends at its own rate, or answers only
+/// some states, must not stall the simulation: each state that was waited for in vain doubles the number of responses
+/// that are required before the next wait.
 #[derive(Debug)]
 pub struct ResponseTracker {
-    /// Stamps of the last states, the newest at the end.
+    /// Stamps of the last states, the newest last.
     states: VecDeque<Time>,
-    /// Stamp of the newest state that has a response.
+    /// Stamp of the newest answered state.
     newest: Option<Time>,
-    /// How long after its state the last response acted.
+    /// Delay of the last response after its state.
     delay: Duration,
-    /// Whether a command has answered the present state since it was published last.
+    /// Whether the last command carries the stamp of the current state.
     is_answered: bool,
     /// Responses since the last wait in vain.
     responses: u32,
-    /// Responses that are needed before the next wait.
+    /// Number of responses required before the next wait.
     needed: u32,
-    /// Whether it is only assumed, from a command that carries the stamp of the start, that states are answered.
+    /// Whether it is only assumed that the commander answers states, because a command before the first state carried
+    /// the stamp of the start.
     is_guess: bool,
-    /// Responses to consecutive states, also late ones.
+    /// Number of responses to consecutive states, including late ones.
     consecutive_responses: u32,
-    /// Consecutive states with a response.
+    /// Number of consecutive states answered before the next one.
     consecutive_in_time: u32,
-    /// States that were followed by the next one while their response was due.
+    /// Number of states that were followed by the next one although their response was due.
     unanswered: u64,
-    /// The last states of the previous run, before time was reset.
+    /// Stamps of the last states of the previous run, before time was reset.
     previous_run: Vec<Time>,
 }
 
@@ -63,7 +64,7 @@ impl Default for ResponseTracker {
 }
 
 impl ResponseTracker {
-    /// A new state of this stamp is published. A response that is still due counts as missing.
+    /// Records that a new state was published. If the response to the previous one is still due, it counts as missing.
     pub fn state_published(&mut self, stamp: Time) {
         if self.is_awaiting_response() {
             self.responses = 0;
@@ -86,12 +87,12 @@ impl ResponseTracker {
         self.is_answered = false;
     }
 
-    /// The present state was changed: it needs a response again.
+    /// The current state was changed: an earlier response to it no longer counts.
     pub fn state_changed(&mut self) {
         self.is_answered = false;
     }
 
-    /// Time is reset. Responses to states of the previous run may still arrive.
+    /// Resets for a new run. Responses to states of the previous run may still arrive.
     pub fn restart(&mut self) {
         let mut previous_run = std::mem::take(&mut self.previous_run);
         previous_run.extend(&self.states);
@@ -102,18 +103,18 @@ impl ResponseTracker {
         };
     }
 
-    /// Whether a command with this stamp, received at `now`, answers a state of the previous run. The stamps of a
-    /// commander that does not answer states hardly ever equal such a state's.
+    /// Whether a command with this stamp, received at `now`, answers a state of the previous run. Stamps of a commander
+    /// that does not answer states rarely coincide with stamps of states.
     pub fn is_of_previous_run(&self, command_stamp: Time, now: Time) -> bool {
         command_stamp > now && self.previous_run.contains(&command_stamp)
     }
 
-    /// A command with this stamp acts from `now` on. Returns how long after its state that is, if it is the first response to
-    /// a state that was published while time advanced.
+    /// Records that an effort command with this stamp is applied at `now`. Returns its delay after the answered state,
+    /// if it is the first response to that state and not older than earlier responses.
     pub fn command_acts(&mut self, command_stamp: Time, now: Time) -> Option<Duration> {
         let mut delay = None;
         if self.states.is_empty() && command_stamp == now {
-            // On a slow network many states would pass before the first answer to one of them arrives.
+            // Over a slow network many states would pass before the first answer to one of them arrives.
             self.responses = self.needed;
             self.is_guess = true;
         } else if self.states.contains(&command_stamp)
@@ -139,14 +140,14 @@ impl ResponseTracker {
         delay
     }
 
-    /// A velocity command with this stamp acts from `now` on. No response is due after it: the servo in the drives, not the
-    /// commander, keeps the motion stable, and an operator sends commands at any frequency.
+    /// Records that a velocity command with this stamp is applied at `now`. No response is due afterwards: the servo in
+    /// the drives, not the commander, keeps the motion stable, and an operator sends commands at any rate.
     pub fn velocity_command_acts(&mut self, command_stamp: Time, now: Time) {
         self.responses = 0;
         self.is_answered = command_stamp == now;
     }
 
-    /// How long after its state the last response acted, in simulated time.
+    /// Delay of the last response after its state, in simulated time.
     pub fn delay(&self) -> Duration {
         self.delay
     }
@@ -156,12 +157,12 @@ impl ResponseTracker {
         self.unanswered
     }
 
-    /// Whether a command has answered the present state since it was published last (lockstep).
+    /// Whether the last command carries the stamp of the current state (lockstep).
     pub fn is_answered(&self) -> bool {
         self.is_answered
     }
 
-    /// Whether the last state has no response yet but is likely to get one.
+    /// Whether the current state has no response yet but is likely to get one.
     pub fn is_awaiting_response(&self) -> bool {
         !self.newest_has_response() && self.responses >= self.needed
     }
@@ -203,7 +204,7 @@ mod tests {
         assert_eq!(tracker.unanswered(), 1);
     }
 
-    /// Number of states of a thousand that are waited for in vain if a commander answers one in `every`.
+    /// Number of states, out of a thousand, waited for in vain if the commander answers one in `every`.
     fn waits_in_vain(every: u32) -> usize {
         let mut tracker = ResponseTracker::default();
         let waits = (0..1000).filter(|&i| {

@@ -22,21 +22,22 @@ use crate::{
     spatial::{Pose, Twist},
 };
 
-/// The robot with its state, stepped under held efforts. A rigid robot is simulated by its own engine, which is the
-/// faster one and knows closed loops, friction and stops.
+/// The robot with its state, integrated under held efforts. A rigid robot has its own integrator, which is faster and
+/// simulates closed loops, friction, stops and contact.
 pub enum Robot {
-    /// A tree of rigid bodies, possibly with closed loops, which may hold a target.
+    /// A tree of rigid bodies, possibly with closed loops; may hold a target.
     Rigid(Box<RigidRobot>),
-    /// A tree with deformable bodies, elastic joints, wheels or thrusters; with the latter two alone it may hold a target.
+    /// A tree with deformable bodies, elastic joints, wheels or thrusters; may hold a target if nothing on it is
+    /// deformable or elastic.
     Flexible(Box<FlexibleRobot>),
 }
 
-/// All of a robot's state.
+/// Complete state of the robot.
 #[derive(Clone)]
 pub enum RobotState {
-    /// Of a rigid robot.
+    /// State of a rigid robot.
     Rigid(State),
-    /// Of a robot with flexible parts.
+    /// State of a robot with flexible parts, wheels or thrusters.
     Flexible(FlexibleState),
 }
 
@@ -53,7 +54,7 @@ impl From<FlexibleFloating> for Robot {
 }
 
 impl Robot {
-    /// The robot of `model` as the parameters describe it, at its start.
+    /// The robot of `model` in its initial state, as configured by the parameters.
     ///
     /// # Errors
     /// A line that names the parameter.
@@ -99,7 +100,7 @@ impl Robot {
         Ok(robot.into())
     }
 
-    /// The rigid robot; `None` if it has flexible parts.
+    /// The rigid robot; `None` for [`Self::Flexible`].
     pub fn rigid(&self) -> Option<&Floating> {
         match self {
             Self::Rigid(robot) => Some(robot.own()),
@@ -107,7 +108,7 @@ impl Robot {
         }
     }
 
-    /// The rigid robot, to grasp and release; `None` if it has flexible parts.
+    /// Mutable access to the rigid robot, to grasp and release; `None` for [`Self::Flexible`].
     pub(super) fn rigid_mut(&mut self) -> Option<&mut RigidRobot> {
         match self {
             Self::Rigid(robot) => Some(robot),
@@ -115,7 +116,7 @@ impl Robot {
         }
     }
 
-    /// The rigid robot with what it holds and touches; `None` if it has flexible parts.
+    /// The rigid robot with the bodies that it holds and touches; `None` for [`Self::Flexible`].
     pub(super) fn as_rigid(&self) -> Option<&RigidRobot> {
         match self {
             Self::Rigid(robot) => Some(robot),
@@ -123,7 +124,7 @@ impl Robot {
         }
     }
 
-    /// State and held input of the robot with what it holds, and its joints; `None` if it has flexible parts.
+    /// The rigid robot, or the joined system with a held target; `None` for [`Self::Flexible`].
     pub(super) fn rigid_whole(&self) -> Option<&Floating> {
         match self {
             Self::Rigid(robot) => Some(robot.whole()),
@@ -131,7 +132,7 @@ impl Robot {
         }
     }
 
-    /// Name of the target that it holds.
+    /// Name of the held target.
     pub fn held(&self) -> Option<&str> {
         match self {
             Self::Rigid(robot) => robot.held(),
@@ -139,7 +140,8 @@ impl Robot {
         }
     }
 
-    /// Grasps a target, called `name`; both get the motion after the impulse. Returns the energy that is lost \[J\].
+    /// Grasps the target called `name`: the impulse of the capture changes the motion of both. Returns the energy lost
+    /// \[J\].
     ///
     /// # Errors
     /// [`CaptureError`]; nothing has changed then.
@@ -156,7 +158,7 @@ impl Robot {
         }
     }
 
-    /// Opens all grasps: robot and target move apart as `spring` pushes them.
+    /// Opens all grasps; a `spring` pushes robot and target apart.
     pub(super) fn release_target(&mut self, target: &mut Floating, spring: Option<&ReleaseSpring>) {
         match self {
             Self::Rigid(robot) => robot.release(target, spring),
@@ -164,7 +166,7 @@ impl Robot {
         }
     }
 
-    /// Holds nothing any more; the robot keeps its motion.
+    /// Forgets the held target; the robot keeps its motion.
     pub(super) fn let_go(&mut self) {
         match self {
             Self::Rigid(robot) => robot.let_go(),
@@ -172,7 +174,7 @@ impl Robot {
         }
     }
 
-    /// Gives the target that it holds the motion that it has in the joined system.
+    /// Copies the motion of the held target in the joined system to `target`.
     pub(super) fn show_target(&self, target: &mut Floating) {
         match self {
             Self::Rigid(robot) => robot.show_target(target),
@@ -180,8 +182,7 @@ impl Robot {
         }
     }
 
-    /// Work of all that acts on the robot and what it holds, less what damping of wheels and flexible parts has taken
-    /// \[J\].
+    /// Total work done on the robot and a held target, minus the losses in wheels and flexible parts \[J\].
     pub(super) fn whole_work(&self) -> f64 {
         match self {
             Self::Rigid(robot) => robot.whole().state().work,
@@ -192,7 +193,7 @@ impl Robot {
         }
     }
 
-    /// Momentum of the robot with what it holds or may touch, angular about the common centre of mass.
+    /// Momentum of the robot with all that it holds or may touch, angular about the common centre of mass.
     pub(super) fn whole_momentum(&self) -> Momentum {
         match self {
             Self::Rigid(robot) => robot.whole_momentum(),
@@ -200,7 +201,7 @@ impl Robot {
         }
     }
 
-    /// Work of contacts on the robot so far \[J\].
+    /// Work of contacts on the robot since contact was set up \[J\].
     pub(super) fn contact_work(&self) -> f64 {
         match self {
             Self::Rigid(robot) => robot.contact_work(),
@@ -208,7 +209,7 @@ impl Robot {
         }
     }
 
-    /// The bodies that it may touch and is stepped with now.
+    /// The contact world, if it is up to date: the robot is integrated in it.
     pub fn touching(&self) -> Option<&Touching> {
         match self {
             Self::Rigid(robot) => robot.stepped_with(),
@@ -216,7 +217,7 @@ impl Robot {
         }
     }
 
-    /// The bodies that may touch; after a grasp or release they are out of date until contact is set up again.
+    /// The contact world; after a grasp or release it is out of date until contact is set up again.
     pub(super) fn contacts(&self) -> Option<&Touching> {
         match self {
             Self::Rigid(robot) => robot.touching(),
@@ -224,7 +225,7 @@ impl Robot {
         }
     }
 
-    /// The robot with flexible parts; `None` if it is rigid.
+    /// The robot with flexible parts, wheels or thrusters; `None` for [`Self::Rigid`].
     pub fn flexible(&self) -> Option<&FlexibleFloating> {
         match self {
             Self::Rigid(_) => None,
@@ -232,7 +233,7 @@ impl Robot {
         }
     }
 
-    /// The same, to be commanded.
+    /// Mutable [`Self::flexible`], for commands.
     pub fn flexible_mut(&mut self) -> Option<&mut FlexibleFloating> {
         match self {
             Self::Rigid(_) => None,
@@ -240,7 +241,7 @@ impl Robot {
         }
     }
 
-    /// The robot's description as a tree of rigid bodies.
+    /// The tree of rigid bodies of the robot's description.
     pub fn model(&self) -> &Model {
         match self {
             Self::Rigid(robot) => robot.own().model(),
@@ -248,7 +249,7 @@ impl Robot {
         }
     }
 
-    /// The same with the inertia of deformable bodies, undeformed.
+    /// As [`Self::model`], with the inertia of undeformed deformable bodies.
     pub fn rigid_model(&self) -> Model {
         match self {
             Self::Rigid(robot) => robot.own().model().clone(),
@@ -256,7 +257,7 @@ impl Robot {
         }
     }
 
-    /// Mass of everything \[kg\].
+    /// Total mass \[kg\].
     pub fn total_mass(&self) -> f64 {
         match self {
             Self::Rigid(robot) => robot.own().model().total_mass(),
@@ -264,7 +265,7 @@ impl Robot {
         }
     }
 
-    /// Joints, base attitude, centre of mass, momentum of everything, work.
+    /// State of the tree: joints, base attitude, centre of mass, total momentum, work.
     pub fn state(&self) -> &State {
         match self {
             Self::Rigid(robot) => robot.own().state(),
@@ -272,7 +273,7 @@ impl Robot {
         }
     }
 
-    /// Its closed loops; `None` if it has none.
+    /// Closed loops; `None` if there are none.
     pub fn loops(&self) -> Option<&Loops> {
         let loops = self.rigid()?.loops();
         (!loops.closures().is_empty()).then_some(loops)
@@ -294,7 +295,7 @@ impl Robot {
         }
     }
 
-    /// Computes the accelerations of all frames under what acts now, for [`Self::A_WF_B`].
+    /// Computes the accelerations of all frames under the held input and contacts, for [`Self::A_WF_B`].
     pub fn set_accelerations(&mut self) {
         match self {
             Self::Rigid(robot) => robot.set_accelerations(),
@@ -302,8 +303,8 @@ impl Robot {
         }
     }
 
-    /// Acceleration of `frame`'s origin as a point, and angular acceleration, in the world, base axes (needs
-    /// [`Self::set_accelerations`]).
+    /// Acceleration of `frame`'s origin as a point, and angular acceleration, in the world, base axes. Requires
+    /// [`Self::set_accelerations`].
     pub fn A_WF_B(&self, frame: &Frame) -> Twist {
         match self {
             Self::Rigid(robot) => robot.own().workspace().A_WF_B(frame),
@@ -311,7 +312,7 @@ impl Robot {
         }
     }
 
-    /// What motions of the tip depend on. The momentum is that of bodies, without that of wheels.
+    /// Base pose and momentum on which motions of the tip depend. The momentum excludes that of the wheels.
     pub fn base_state(&self) -> BaseState {
         match self {
             Self::Rigid(robot) => BaseState::of(robot.own().state(), robot.own().workspace()),
@@ -327,7 +328,7 @@ impl Robot {
         }
     }
 
-    /// The held efforts \[N m or N\], within the joints' limits.
+    /// The held joint efforts \[N m or N\], within the joints' limits.
     pub fn efforts(&self) -> &DVector<f64> {
         match self {
             Self::Rigid(robot) => robot.own().efforts(),
@@ -352,7 +353,7 @@ impl Robot {
         }
     }
 
-    /// Held efforts and wrenches.
+    /// Held joint efforts and wrenches.
     pub fn input_mut(&mut self) -> &mut Input {
         match self {
             Self::Rigid(robot) => robot.own_mut().input_mut(),
@@ -360,7 +361,7 @@ impl Robot {
         }
     }
 
-    /// Whether a thruster is on.
+    /// Whether any thruster is on.
     pub fn is_firing(&self) -> bool {
         self.flexible().is_some_and(FlexibleFloating::is_firing)
     }
@@ -373,9 +374,8 @@ impl Robot {
         }
     }
 
-    /// Advances by one step of `dt` \[s\] under what `forcing` makes of the last input at every stage: from time and
-    /// state, joint efforts and wrenches, and wheel torques. Afterwards the input that it gives for the new state is
-    /// held.
+    /// Advances by one step of `dt` \[s\]. At every stage, `forcing` changes joint efforts and wrenches, and wheel
+    /// torques, depending on time and state. Afterwards the input for the new state is held.
     pub fn step_with(
         &mut self,
         dt: f64,

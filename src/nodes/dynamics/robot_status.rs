@@ -5,31 +5,31 @@ use std::time::{Duration, Instant};
 use super::{params::DynamicsParams, robot::Robot, step_status::StepStatus};
 use crate::{dynamics::State, model::Model, ros::Node};
 
-/// Largest gap of a closed loop that is simulated correctly \[m or rad\].
+/// Largest gap of a closed loop that counts as closed \[m or rad\].
 const LARGEST_GAP: f64 = 1e-6;
 
-/// Shortest time between two reports of the gaps' values. Diagnostics are published once a second.
+/// Shortest time between two reports of the gaps. Diagnostics are published once a second.
 const GAPS_PERIOD: Duration = Duration::from_millis(500);
 
 /// Shortest time between two log messages about a divergence.
 const LOG_PERIOD: Duration = Duration::from_secs(10);
 
-/// The statuses `motion`, `limits` and, with closed loops, `loop closures`, with appendages `deformation`.
+/// The statuses `motion` and `limits`, with closed loops also `loop closures`, with appendages also `deformation`.
 pub struct RobotStatus {
     motion: StepStatus,
-    /// How often a body was restored after its motion had diverged.
+    /// Number of times that a body was restored after its motion had diverged.
     restored: u64,
     logged: Option<Instant>,
     limits: StepStatus,
     loops: Option<StepStatus>,
-    /// Whether first-order modes describe the deformation; `None` for a rigid robot.
+    /// Whether the deformation is within the range of first-order modes; `None` for a robot without appendages.
     deformation: Option<StepStatus>,
-    /// Time of the next report of the gaps' values.
+    /// Time of the next report of the gaps.
     gaps_due: Instant,
 }
 
 impl RobotStatus {
-    /// The statuses, not reported yet.
+    /// The statuses, before any report.
     pub fn new(node: &Node, params: &DynamicsParams) -> Self {
         let status = |name| StepStatus::new(node.diagnostics().status(name));
         Self {
@@ -43,7 +43,7 @@ impl RobotStatus {
         }
     }
 
-    /// Reports the outcome of a step: why a body was restored, if one was.
+    /// Reports the outcome of a step: an error if a body was restored after divergence.
     pub fn stepped(&mut self, outcome: Result<(), String>) {
         let Err(problem) = outcome else {
             self.motion.ok("finite");
@@ -61,7 +61,7 @@ impl RobotStatus {
         self.motion.set("restored", self.restored);
     }
 
-    /// Reports the present state of the robot.
+    /// Reports the current state of the robot.
     pub fn report(&mut self, robot: &Robot) {
         match beyond_limits(robot.model(), robot.state()) {
             Some(problem) => self.limits.warn(problem),
@@ -109,7 +109,7 @@ impl RobotStatus {
     }
 }
 
-/// The first joint beyond its limits, as a line. Limits of position and speed are reported, not enforced.
+/// The first joint beyond its limits, as a line. Checked whether or not stops and speed limits are simulated.
 fn beyond_limits(model: &Model, state: &State) -> Option<String> {
     let motion = state.q.iter().zip(&state.qd);
     (model.joints().iter().zip(motion)).find_map(|(joint, (q, qd))| {

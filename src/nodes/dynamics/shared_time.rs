@@ -1,10 +1,10 @@
-//! One time for several robots, each simulated by a dynamics node of its own.
+//! Common simulated time of several robots, each simulated by its own dynamics node.
 //!
-//! The node of the first robot in the parameter `robots` publishes `/clock`; the others simulate up to the time of `/clock`.
-//! At the start, and after a reset, the first robot's node waits until all others have published their first state, and then
-//! their second state, which a robot with `start_on_command` publishes after its first command. Later, before each tick, it
-//! waits until the others have published their states of the present time: in lockstep always; otherwise for
-//! `answer_timeout`, and only for nodes that have published their previous state in time.
+//! The node of the first robot in the parameter `robots` owns the time and publishes `/clock`; the others simulate up
+//! to the time of `/clock`. At the start, and after a reset, the owner waits until all others have published their
+//! first state, and then their second state, which a robot with `start_on_command` publishes after its first command.
+//! Later, before each tick, it waits until the others have published their states of the current time: in lockstep
+//! always; otherwise for `answer_timeout`, and only for nodes that have published their previous state in time.
 
 use std::time::{Duration, Instant};
 
@@ -15,26 +15,26 @@ use crate::{
     ros::{Gid, Node, NodeError, Subscription, Time},
 };
 
-/// How long `/clock` has to show one time to count as standing still, if it still arrives as often.
+/// How long `/clock` must repeat one time for simulated time to count as standing still.
 const STANDS_STILL: Duration = Duration::from_secs(1);
 
-/// Most publishers of `/clock` that are reported for not being of the owner of the time.
+/// Maximum number of foreign publishers of `/clock` that are reported.
 const MOST_OTHER_PUBLISHERS: usize = 16;
 
-/// Role of a node for the time of the world.
+/// Role of a node in a world with one or several robots.
 pub enum SharedTime {
-    /// There is no other robot.
+    /// The only robot.
     Alone,
-    /// It owns the time.
+    /// This node owns the time.
     Leader {
         /// The other robots.
         followers: Vec<Follower>,
-        /// Silence of a robot after which it is not waited for in real time.
+        /// Silence after which another robot is not waited for in real time.
         follower_timeout: Duration,
-        /// Its own states.
+        /// Stamps of this node's last states.
         stamps: LastStamps,
     },
-    /// The time is that of `/clock`.
+    /// Another node owns the time; this node follows `/clock`.
     Follower(LeaderClock),
 }
 
@@ -45,7 +45,7 @@ pub struct Follower {
 }
 
 impl Follower {
-    /// Whether it was silent for less than `follower_timeout`.
+    /// Whether a state has arrived from it within the last `follower_timeout`.
     fn is_alive(&self, follower_timeout: Duration) -> bool {
         self.odometry
             .age()
@@ -53,7 +53,7 @@ impl Follower {
     }
 }
 
-/// Stamps of the last two states of the owner of the time; both are zero before the second one.
+/// Stamps of the last two states of the node that owns the time; both are zero before the second state.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct LastStamps {
     previous: Time,
@@ -61,7 +61,7 @@ pub struct LastStamps {
 }
 
 impl LastStamps {
-    /// The state of `stamp` is published, perhaps again.
+    /// Records that the state of `stamp` was published, possibly again.
     fn publish(&mut self, stamp: Time) {
         if stamp != self.current {
             (self.previous, self.current) = (self.current, stamp);
@@ -69,58 +69,58 @@ impl LastStamps {
     }
 }
 
-/// States that another robot has published since the start or the last reset.
+/// Progress of another robot since the start or the last reset.
 #[derive(Debug, Default)]
 struct Progress {
     /// Stamp of its last state.
     last: Option<Time>,
-    /// Whether it has left the time zero.
+    /// Whether it has published a state after time zero.
     has_advanced: bool,
 }
 
 impl Progress {
-    /// Its state of `stamp` has arrived.
+    /// Records that its state of `stamp` has arrived.
     fn see(&mut self, stamp: Time, stamps: LastStamps) {
-        // A robot does not pass the owner of the time: this state is of the run before a reset.
+        // A robot is never ahead of the owner of the time: such a state is from before a reset.
         if stamp <= stamps.current {
             self.last = Some(stamp);
             self.has_advanced |= stamp > Time::ZERO;
         }
     }
 
-    /// Whether its state of the last tick has not arrived.
+    /// Whether its state of the last tick is still missing.
     fn is_behind(&self, stamps: LastStamps) -> bool {
         self.last != Some(stamps.current)
     }
 
-    /// Whether it has kept up until the tick before the last one, but its state of the last tick has not arrived.
+    /// Whether its state of the last tick is still missing, but that of the tick before had arrived.
     fn has_just_fallen_behind(&self, stamps: LastStamps) -> bool {
         self.is_behind(stamps) && self.last == Some(stamps.previous)
     }
 
-    /// Whether time may go on from the last tick, as far as the start is concerned.
+    /// Whether its first states have arrived, so that time may advance from the last tick.
     fn is_ready(&self, stamps: LastStamps) -> bool {
         self.last.is_some() && (self.has_advanced || stamps.current == Time::ZERO)
     }
 }
 
-/// `/clock` as the dynamics node of another robot publishes it.
+/// `/clock` as published by the node that owns the time.
 pub struct LeaderClock {
     node: Node,
     clock: Subscription<Clock>,
-    /// Namespace of that robot.
+    /// Namespace of the robot whose node owns the time.
     leader: String,
-    /// Its publisher, once it is known.
+    /// The publisher of that node, once known.
     publisher: Option<Gid>,
-    /// Other publishers, which have been reported.
+    /// Publishers of other nodes, already reported.
     other_publishers: Vec<Gid>,
-    /// The time that it shows, and since when.
+    /// The last received time, and the instant of its first arrival.
     now: Option<(Time, Instant)>,
 }
 
 impl LeaderClock {
     fn new(node: &Node, leader: &str) -> Result<Self, NodeError> {
-        // Reliable, unlike other subscriptions to the time: without a new time nothing is simulated.
+        // Reliable, unlike other subscriptions to `/clock`: this node cannot simulate without a new time.
         let clock = topics::CLOCK.subscribe(node)?;
         clock.separate_publishers();
         Ok(Self {
@@ -145,8 +145,8 @@ impl LeaderClock {
         }
     }
 
-    /// Whether a publisher of `/clock` is in the leader's namespace. Warns of others. One whose node is not known yet is not
-    /// believed; the leader publishes each time again until it is known.
+    /// Whether a publisher of `/clock` is in the leader's namespace. Warns of others. A publisher whose node is not
+    /// known yet is ignored; meanwhile the leader repeats each time.
     fn is_of_leader(&mut self, publisher: Gid) -> bool {
         if self.publisher == Some(publisher) {
             return true;
@@ -177,14 +177,14 @@ impl LeaderClock {
     }
 }
 
-/// Whether the node called `name` is in this namespace, not in one below.
+/// Whether the node called `name` is directly in this namespace, not in a nested one.
 fn is_in_namespace(name: &str, namespace: &str) -> bool {
     let parent = name.rsplit_once('/').map(|(parent, _)| parent);
     parent == Some(namespace.trim_end_matches('/'))
 }
 
 impl SharedTime {
-    /// Role of `node`.
+    /// The role of `node`.
     ///
     /// # Errors
     /// When the parameter `robots` does not name the node's namespace, or the node cannot subscribe.
@@ -218,7 +218,7 @@ impl SharedTime {
         })
     }
 
-    /// Takes messages that have arrived.
+    /// Takes received messages.
     pub fn take(&mut self) {
         match self {
             Self::Alone => {}
@@ -236,14 +236,14 @@ impl SharedTime {
         }
     }
 
-    /// The state of `time` \[s\] is published.
+    /// Records that the state of `time` \[s\] was published.
     pub fn published(&mut self, time: f64) {
         if let Self::Leader { stamps, .. } = self {
             stamps.publish(Time::from_secs_f64(time));
         }
     }
 
-    /// Time or state is reset: what other robots have published belongs to the previous run.
+    /// Resets after time or state was reset: earlier states of other robots no longer count.
     pub fn restart(&mut self) {
         if let Self::Leader {
             followers, stamps, ..
@@ -274,7 +274,7 @@ impl SharedTime {
         }
     }
 
-    /// Why the node refuses to step, pause or reset the simulation, if another one owns the time.
+    /// Why this node refuses to step, pause or reset the simulation; `None` unless another node owns the time.
     pub fn refusal(&self) -> Option<String> {
         self.leader().map(|leader| {
             format!(
@@ -283,7 +283,7 @@ impl SharedTime {
         })
     }
 
-    /// Whether `/clock` shows a time before the state of `time` \[s\]: its owner was reset.
+    /// Whether `/clock` shows an earlier time than the state of `time` \[s\], because its owner was reset.
     pub fn went_back(&self, time: f64) -> bool {
         self.clock_time()
             .is_some_and(|now| now < Time::from_secs_f64(time))
@@ -295,7 +295,7 @@ impl SharedTime {
             .map_or(0.0, |now| now.as_secs_f64() - time)
     }
 
-    /// Whether the owner of the time lets it stand still at `time` \[s\].
+    /// Whether the owner of the time has stopped time at `time` \[s\].
     pub fn stands_still(&self, time: f64) -> bool {
         match self {
             Self::Follower(LeaderClock {
@@ -311,7 +311,7 @@ impl SharedTime {
         }
     }
 
-    /// The time that `/clock` shows, if another node owns it.
+    /// The time shown by `/clock`, if another node owns the time.
     fn clock_time(&self) -> Option<Time> {
         match self {
             Self::Follower(clock) => clock.time(),
@@ -319,8 +319,8 @@ impl SharedTime {
         }
     }
 
-    /// Whether the next state, at `time` \[s\], may be simulated, as far as the other robots are concerned: the owner of the time
-    /// waits for their states of the last tick, the others for `/clock` to show `time`.
+    /// Whether the other robots permit simulation of the next state, at `time` \[s\]: the owner of the time needs their
+    /// states of the last tick, the others need a `/clock` of at least `time`.
     pub fn may_reach(&self, time: f64) -> bool {
         match self {
             Self::Alone => true,
@@ -333,7 +333,7 @@ impl SharedTime {
         }
     }
 
-    /// Whether a robot that is alive and has kept up so far has not published its state of the last tick yet.
+    /// Whether another robot that is alive and has kept up so far has not published its state of the last tick yet.
     pub fn is_awaiting_follower(&self) -> bool {
         match self {
             Self::Leader {
@@ -347,7 +347,8 @@ impl SharedTime {
         }
     }
 
-    /// Whether every robot has been seen since the start or the last reset, and has left time zero if this one has.
+    /// Whether every other robot has been seen since the start or the last reset, and has left time zero if this one
+    /// has.
     pub fn is_complete(&self) -> bool {
         match self {
             Self::Leader {
@@ -357,7 +358,7 @@ impl SharedTime {
         }
     }
 
-    /// The robots that time waits for after the state of `time` \[s\].
+    /// Description of the robots for which time waits after the state of `time` \[s\].
     pub fn waits_for(&self, time: f64) -> String {
         match self {
             Self::Alone => String::new(),
@@ -416,7 +417,7 @@ mod tests {
         assert!(!robot.is_ready(stamps(1)), "it is still held");
         robot.see(at(1), stamps(1));
         assert!(robot.is_ready(stamps(1)) && robot.is_ready(stamps(2)));
-        // A process that begins again while time goes on does not hold it up.
+        // A process that restarts while time advances does not delay it.
         robot.see(at(0), stamps(50));
         assert!(robot.is_ready(stamps(50)) && !robot.has_just_fallen_behind(stamps(50)));
     }

@@ -1,4 +1,4 @@
-//! The simulation loop: waits until the next state may be simulated, steps to it and publishes it.
+//! The main loop: waits until the next state may be simulated, advances to it and publishes it.
 
 use std::time::{Duration, Instant};
 
@@ -19,19 +19,19 @@ use super::{
 };
 use crate::ros::{Lifecycle, Node, NodeError, Time};
 
-/// How often the present state is published again while time stands still: a peer may have joined late.
+/// Period at which the current state is published again while time stands still, for nodes that join late.
 const REPUBLISH_PERIOD: Duration = Duration::from_millis(100);
 
-/// Time by which `/clock` is ahead above which the node reports it \[s\].
+/// Lead of `/clock` over this node above which a warning is reported \[s\].
 const LARGE_LAG: f64 = 0.5;
 
-/// Answer to calls and goals while the node is not active.
+/// Response to calls and goals while the node is inactive.
 const INACTIVE: &str = "the node is inactive; activate it by ~/change_state first";
 
-/// Most commands that are handled before time and service calls are looked at again.
+/// Maximum number of commands handled before time and service calls are checked again.
 const MAX_COMMANDS: usize = 256;
 
-/// The world, its clock, and what connects it to the graph.
+/// The world, its clock, and its connections to the ROS graph.
 ///
 /// Services access its parts only between steps (`services`).
 pub struct Simulation<'a> {
@@ -56,10 +56,10 @@ pub struct Simulation<'a> {
 }
 
 impl<'a> Simulation<'a> {
-    /// The world at its start, with all endpoints.
+    /// The simulation in its initial state, with all endpoints.
     ///
     /// # Errors
-    /// For wrong parameters or descriptions, and when DDS refuses.
+    /// For invalid parameters or descriptions, or when DDS reports an error.
     pub fn new(
         node: &'a Node,
         lifecycle: &'a Lifecycle,
@@ -97,17 +97,17 @@ impl<'a> Simulation<'a> {
         })
     }
 
-    /// Publishes the world as it is.
+    /// Publishes the current state of the world.
     pub fn publish(&mut self) {
         self.outputs.publish(&mut self.world);
-        // Other robots simulate from tick to tick.
+        // Other robots advance by whole ticks.
         if !self.world.is_between_ticks() {
             self.shared_time.published(self.world.time());
         }
     }
 
-    /// Advances to the next state, or waits until time may advance. Answers service calls meanwhile. Returns early when
-    /// the node stops or a transition of its lifecycle is requested.
+    /// Advances to the next state, or waits until time may advance; answers service calls meanwhile. Returns early when
+    /// the node stops or a lifecycle transition is requested.
     pub fn run_once(&mut self) {
         if self.time_went_back() {
             services::follow_reset(self);
@@ -172,22 +172,22 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Whether the other robots let time advance to the next state.
+    /// Whether the other robots permit time to advance to the next state.
     fn is_in_step(&self) -> bool {
         self.shared_time.may_reach(self.world.next_tick())
     }
 
-    /// Whether time advances with the computer's clock, whether or not other robots keep up.
+    /// Whether time follows the computer's clock, whether or not other robots keep up.
     fn owns_real_time(&self) -> bool {
         !self.params.lockstep && !self.shared_time.is_follower()
     }
 
-    /// Whether the owner of the time, another node, was reset.
+    /// Whether the other node that owns the time was reset.
     fn time_went_back(&self) -> bool {
         self.shared_time.went_back(self.world.time())
     }
 
-    /// Several robots: waits for the others until `done`.
+    /// Waits for other robots until `done`.
     fn wait_for_robots(&mut self, done: impl Fn(&Self) -> bool) {
         let since = Instant::now();
         self.time_status.begin_wait();
@@ -207,7 +207,7 @@ impl<'a> Simulation<'a> {
         });
     }
 
-    /// Answers service calls while the node is not active. Nothing is simulated.
+    /// Answers service calls while the node is inactive, without simulating.
     pub fn idle(&mut self) {
         self.clock.interrupt();
         services::answer_calls(self);
@@ -224,7 +224,7 @@ impl<'a> Simulation<'a> {
         self.node.wait_for(REPUBLISH_PERIOD);
     }
 
-    /// The node is deactivated: the robot is halted, and requested steps end.
+    /// The node is deactivated: halts the robot and ends requested steps.
     pub fn deactivate(&mut self) {
         self.world.halt_all();
         self.motions.abort("the node was deactivated");
@@ -238,7 +238,7 @@ impl<'a> Simulation<'a> {
         self.lifecycle.is_active()
     }
 
-    /// Time stands still from now on: at a tick, so that later steps are whole ones.
+    /// Stops time. Time is first advanced to the next tick, so that later steps are whole ones.
     pub(super) fn pause(&mut self, phase: Phase) {
         if self.world.is_between_ticks() {
             self.step_to_tick();
@@ -247,7 +247,7 @@ impl<'a> Simulation<'a> {
         self.time_status.stands_still(phase);
     }
 
-    /// Time or state was reset: commands, pacing and responses start again.
+    /// Resets commands, pacing and response tracking after time or state was reset.
     pub(super) fn restart(&mut self) {
         self.world.halt_all();
         self.motions.abort("the simulation was reset");
@@ -262,27 +262,27 @@ impl<'a> Simulation<'a> {
         self.shared_time.restart();
     }
 
-    /// Whether phase, requested steps and lifecycle let time advance.
+    /// Whether phase, requested steps and lifecycle permit time to advance.
     fn may_advance(&self) -> bool {
         let wanted = self.clock.phase() == Phase::Playing || self.steps.is_pending();
         wanted && self.is_active() && !self.lifecycle.is_asked()
     }
 
-    /// Lockstep: whether the present state has the commands that it waits for. Always true without lockstep.
+    /// Whether the current state has the commands for which lockstep waits. Always true without lockstep.
     fn is_answered(&self) -> bool {
         let is_moving = self.motions.is_moving(&self.world);
         let inputs = self.actuator_inputs.as_ref();
         self.commands.may_advance(is_moving) && inputs.is_none_or(ActuatorInputs::may_advance)
     }
 
-    /// Known reasons for a command that does not arrive.
+    /// Why an awaited command is missing.
     fn waits_for(&self) -> String {
         let inputs = self.actuator_inputs.as_ref();
         let wheels = inputs.and_then(ActuatorInputs::waits_for);
         wheels.unwrap_or_else(|| self.commands.waits_for())
     }
 
-    /// Outside lockstep the world is stepped to the simulated time `now` \[s\], at which a command arrives.
+    /// Outside lockstep, steps the world to the simulated time `now` \[s\], at which a command takes effect.
     pub(super) fn step_to_command(&mut self, now: f64) {
         if self.clock.is_released() && !self.params.lockstep {
             let stepped = self.world.step_within_tick_or_restore(now);
@@ -290,15 +290,15 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Whether time still advances since [`SimulationClock::run`].
+    /// Whether time has advanced without interruption since [`SimulationClock::run`].
     fn is_advancing(&self) -> bool {
         self.may_advance() && self.clock.is_running() && !self.time_went_back()
     }
 
-    /// Applies the commands that wait. Outside lockstep the world is first stepped to the simulated time `now` \[s\],
-    /// so that a command acts from the moment at which it arrived.
+    /// Applies pending commands. Outside lockstep the world is first stepped to the simulated time `now` \[s\], so that
+    /// a command takes effect when it arrives.
     fn take_commands(&mut self, now: f64) {
-        // A publisher that floods the topic must not hold up time.
+        // A publisher that floods the topic must not stall simulated time.
         for _ in 0..MAX_COMMANDS {
             let Self {
                 commands,
@@ -323,7 +323,7 @@ impl<'a> Simulation<'a> {
         actuator_inputs::take(self, now);
     }
 
-    /// Steps to the next state and publishes it; counts it among the requested steps.
+    /// Advances to the next state and publishes it; counts it as a requested step.
     fn tick(&mut self) {
         self.commands.check_age(&mut self.world);
         if let Some(inputs) = &mut self.actuator_inputs {
@@ -345,7 +345,7 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Steps to the next state and publishes it.
+    /// Advances to the next state and publishes it.
     fn step_to_tick(&mut self) {
         let stepped = self.world.step_to_tick_or_restore();
         self.robot_status.stepped(stepped);
@@ -365,8 +365,8 @@ impl<'a> Simulation<'a> {
         self.robot_status.report(&self.world.robot);
     }
 
-    /// Answers service calls, and publishes the state again and again, until `done`, the node stops or a transition of
-    /// its lifecycle is requested.
+    /// Answers service calls, and publishes the current state periodically, until `done`, the node stops or a lifecycle
+    /// transition is requested.
     fn wait_until(&mut self, mut done: impl FnMut(&mut Self) -> bool) {
         let mut next = Instant::now() + REPUBLISH_PERIOD;
         loop {
@@ -384,7 +384,7 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Lockstep: waits for the command that carries the stamp of the present state.
+    /// Lockstep: waits for the commands that carry the stamp of the current state.
     fn wait_for_response(&mut self) {
         let since = Instant::now();
         self.time_status.begin_wait();
@@ -409,8 +409,8 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Real time of another node: waits for the response to the present state, if it is due, at most `answer_timeout`. The
-    /// owner of the time waits meanwhile for this robot.
+    /// Real time owned by another node: waits up to `answer_timeout` for the response to the current state, if one is
+    /// due. The owner of the time waits for this robot meanwhile.
     fn wait_for_late_response(&mut self) {
         let latest = Instant::now() + Duration::from_secs_f64(self.params.answer_timeout);
         let mut is_late = false;
@@ -430,7 +430,7 @@ impl<'a> Simulation<'a> {
     }
 
     /// Real time: applies commands as they arrive until the next state is due, or until `answer_timeout` after that
-    /// while the response to the present state is due.
+    /// while the response to the current state is due.
     fn wait_for_tick(&mut self) {
         let due = self.clock.due(self.world.next_tick());
         let latest = due + Duration::from_secs_f64(self.params.answer_timeout);
@@ -442,8 +442,8 @@ impl<'a> Simulation<'a> {
             if !self.is_advancing() {
                 break;
             }
-            // While time is held, an answer acts from the state that it answers, as in lockstep: if the held period were
-            // stepped with the efforts before, every answer would act a whole period late.
+            // While time waits for an answer, the answer takes effect at the state that it answers, as in lockstep: if
+            // the world were stepped with the previous efforts first, every answer would be late by a whole period.
             let is_held = Instant::now() >= due && self.commands.response_is_due();
             self.take_commands(match is_held {
                 true => f64::NEG_INFINITY,
@@ -480,7 +480,7 @@ impl<'a> Simulation<'a> {
     }
 }
 
-/// Logs the contents of the world, and the parts of the descriptions that cannot be simulated.
+/// Logs a summary of the world, and the parts of the descriptions that cannot be simulated.
 fn log_world(params: &DynamicsParams, world: &World) {
     let robot = world.robot.model();
     if let Some(missing) = world.not_simulated() {

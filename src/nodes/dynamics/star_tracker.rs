@@ -8,7 +8,7 @@ use crate::{
     vision::{StarTrackerConfig, StarTrackerFrame},
 };
 
-/// Declares the star tracker's parameters and reads them; `None` without one, which is the default.
+/// Declares and reads the star tracker's parameters; `None` without a star tracker, the default.
 pub(super) fn declare_star_tracker(declare: &mut Declare) -> Option<StarTrackerConfig> {
     let mut number = |name: &str, default: f64, most: f64, text: &str| {
         let parameter = declare.param(&format!("star_tracker.{name}"), default, text);
@@ -42,7 +42,7 @@ pub(super) fn declare_star_tracker(declare: &mut Declare) -> Option<StarTrackerC
     (config.rate > 0.0).then_some(config)
 }
 
-/// An attitude of the star tracker, stamped with its exposure.
+/// A measured attitude as a message, stamped with the exposure time.
 pub fn star_tracker_message(frame: &StarTrackerFrame) -> QuaternionStamped {
     QuaternionStamped {
         header: header(Time::from_secs_f64(frame.time), WORLD),

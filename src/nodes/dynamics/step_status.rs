@@ -4,8 +4,8 @@ use std::borrow::Cow;
 
 use crate::ros::Status;
 
-/// A [`Status`] that passes "ok" on only when its message changes or after a problem: reporting it at every step costs
-/// one comparison and allocates nothing.
+/// A [`Status`] for reports at every step: "ok" is passed on only if its message has changed, or after a problem. An
+/// unchanged report costs one comparison and no allocation.
 pub struct StepStatus {
     status: Status,
     /// Message of the last "ok", unless a problem was reported after it.
@@ -18,7 +18,7 @@ impl StepStatus {
         Self { status, ok: None }
     }
 
-    /// All is well.
+    /// Reports that all is well.
     pub fn ok(&mut self, message: impl Into<Cow<'static, str>>) {
         let message = message.into();
         if self.ok.as_ref() != Some(&message) {
@@ -27,13 +27,13 @@ impl StepStatus {
         }
     }
 
-    /// It works, but not as it should.
+    /// Reports a problem that does not prevent operation.
     pub fn warn(&mut self, message: impl Into<String>) {
         self.ok = None;
         self.status.warn(message);
     }
 
-    /// It does not work.
+    /// Reports a failure.
     pub fn error(&mut self, message: impl Into<String>) {
         self.ok = None;
         self.status.error(message);

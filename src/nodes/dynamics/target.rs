@@ -1,4 +1,4 @@
-//! A free body, rigid or with joints: its motion, and its name, frames and description.
+//! A free body, rigid or with joints: its motion, name, frames and description.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
@@ -14,35 +14,35 @@ use crate::{
     model::Model,
 };
 
-/// A free body. Nobody commands its joints: springs, dampers, friction and stops of its description move them.
+/// A free body. Its joints have no drives; only springs, dampers, friction and stops act on them.
 pub struct Target {
-    /// Another one for every body: a body that is removed and one that is added later may have the same name.
+    /// Unique identifier: a body that is removed and one that is added later may have the same name.
     pub(super) id: u64,
-    /// Its name and frame.
+    /// Its name, also that of its root frame.
     pub name: String,
     /// The body.
     pub body: Floating,
-    /// Its description as URDF, for viewers: the root link is called `name`, any other link L `name/L`, as their frames
-    /// are. Two targets with one description thus share no frame.
+    /// Its description as URDF, for viewers. Links are named as their frames: the root link `name`, any other link L
+    /// `name/L`. Two targets with the same description thus have no frame in common.
     pub description: String,
-    /// File or parameter that gave the description.
+    /// File or parameter that the description is from.
     pub(super) source: String,
-    /// Whether it was added after the start.
+    /// Whether it was spawned after the start.
     pub spawned: bool,
     /// Its frames.
     pub(super) frames: FrameTree,
     start: State,
     /// The state before the last step.
     backup: StateBackup,
-    /// Whether the last step was undone.
+    /// Whether the last step was undone after a divergence.
     is_restored: bool,
 }
 
 impl Target {
     /// The free body that `params` describe.
     ///
-    /// # Errors
-    /// A line that names the description's source, if it is invalid, the parameter, if it has values for other joints, or
+    /// A line that names the description's source, if it is invalid; the parameter, if it does not fit the joints; or
+    /// the target, if it moves too fast.
     /// the target, if it moves too fast.
     pub fn new(
         params: &TargetParams,
@@ -52,7 +52,7 @@ impl Target {
         Self::of_model(params, params.description.compile()?, method, joint_physics)
     }
 
-    /// The same with the model that was compiled from the description.
+    /// As [`Self::new`], with the model compiled from the description.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -88,12 +88,12 @@ impl Target {
         })
     }
 
-    /// Returns to its state at the start, or in which it was spawned.
+    /// Restores the initial state, or the state in which it was spawned.
     pub fn reset(&mut self) {
         self.body.set_state(self.start.clone());
     }
 
-    /// Saves the present state, to return to after a divergence.
+    /// Saves the current state, to be restored after a divergence.
     pub(super) fn save(&mut self) {
         if !std::mem::take(&mut self.is_restored) {
             self.backup.command();
@@ -107,8 +107,8 @@ impl Target {
         self.body.step(dt, steps);
     }
 
-    /// Returns to the state before the last step, at `time` \[s\]. Its joints stop; momentum is conserved, unless it has
-    /// no joints or the step before was undone, too: then it stops altogether.
+    /// Restores the state before the last step, at `time` \[s\], with the joints stopped and the momentum unchanged.
+    /// The body is stopped completely if it has no joints, or if the previous step was undone, too.
     pub(super) fn restore(&mut self, time: f64) {
         match self.has_joints() {
             true => self.backup.restore(&mut self.body, time),
@@ -117,15 +117,15 @@ impl Target {
         self.is_restored = true;
     }
 
-    /// Whether it has joints that move.
+    /// Whether it has movable joints.
     pub fn has_joints(&self) -> bool {
         self.body.model().dof() > 0
     }
 }
 
-/// A valid URDF with its links renamed: the root link to `name`, any other link L to `name/L`.
+/// A valid URDF with renamed links: the root link becomes `name`, any other link L `name/L`.
 fn with_link_names(name: &str, xml: &str) -> String {
-    // A model has been compiled from it: it is XML.
+    // A model was compiled from it: it is valid XML.
     let Ok(document) = Document::parse(xml) else {
         return xml.to_owned();
     };
@@ -144,7 +144,7 @@ fn with_link_names(name: &str, xml: &str) -> String {
         .chain(ends("child").map(|e| (e, "link")))
         .chain(elements("gazebo").map(|e| (e, "reference")))
         .filter_map(|(element, key): (Node, _)| element.attribute_node(key));
-    // Gazebo's references may be to joints, which keep their names.
+    // References of Gazebo elements may also be to joints, which keep their names.
     let mut mentions: Vec<_> = mentions.filter(|a| links.contains(&a.value())).collect();
     mentions.sort_by_key(|attribute| attribute.range_value().start);
     let mut renamed = String::with_capacity(xml.len() + mentions.len() * (name.len() + 1));
@@ -265,7 +265,7 @@ mod tests {
         );
     }
 
-    // The joints stop and momentum stays; if that does not help, everything stops.
+    // The first restore stops the joints and keeps the momentum; a second one in a row stops everything.
     #[test]
     fn a_second_divergence_in_a_row_stops_the_whole_target() {
         let mut target = target(PANEL, turning(0.2));

@@ -1,13 +1,13 @@
 //! Simulated time, counted in ticks: the times at which states are published.
 
-/// Simulated time. It is a whole number of periods plus the time since the last tick, so that ticks fall on exact
-/// multiples of the period and no rounding adds up.
+/// Simulated time: a whole number of periods plus the time since the last tick, so that ticks are exact multiples of
+/// the period and rounding errors do not accumulate.
 #[derive(Debug, Clone, Copy)]
 pub struct TickTime {
     /// Time between two ticks \[s\].
     period: f64,
     ticks: u64,
-    /// Time since the last tick \[s\], at most a period.
+    /// Time since the last tick \[s\], at most one period.
     past_tick: f64,
 }
 
@@ -46,7 +46,7 @@ impl TickTime {
         self.at(self.ticks + 1)
     }
 
-    /// Advances to the next tick. Returns by how much \[s\].
+    /// Advances to the next tick. Returns the duration \[s\].
     pub fn advance_to_tick(&mut self) -> f64 {
         let seconds = self.period - self.past_tick;
         self.ticks += 1;
@@ -54,8 +54,8 @@ impl TickTime {
         seconds
     }
 
-    /// Advances to `time` \[s\], but not beyond the next tick. Returns by how much \[s\]; `None` if `time` is not later
-    /// than now.
+    /// Advances to `time` \[s\], but not beyond the next tick. Returns the duration \[s\]; `None` if `time` is not
+    /// later than the current time.
     pub fn advance_within_tick(&mut self, time: f64) -> Option<f64> {
         let past = (time - self.at(self.ticks)).min(self.period);
         (past > self.past_tick).then(|| {

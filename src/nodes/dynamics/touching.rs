@@ -1,4 +1,4 @@
-//! Robot and targets that touch, stepped together.
+//! Contact world: robot and targets that may touch, integrated together.
 
 use std::collections::BTreeMap;
 
@@ -11,46 +11,48 @@ use crate::{
     spatial::{Pose, Wrench},
 };
 
-/// The link of a collider.
+/// The link that carries a collider.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Label {
     /// Its name in messages and events: a link of the robot, a target, or `TARGET/LINK`.
     pub link: String,
-    /// The robot (0) or the target (its number from one).
+    /// The owner: 0 for the robot, or the target's number counted from one.
     pub owner: usize,
     /// Index of the link's body in the robot's own model; `None` for targets.
     pub robot_body: Option<usize>,
 }
 
-/// Two links begin or end to touch.
+/// A contact of two links that begins or ends.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinkEvent {
     /// Time since the start of the step \[s\].
     pub after: f64,
-    /// What, as a line.
+    /// Description, as a line.
     pub what: String,
 }
 
-/// The robot and the targets as one system: the robot, with the target that it holds, is system 0, the other targets follow.
-/// The robot itself has the motion that it has here, so that drives, wrenches and sensors need not know.
+/// The robot and the targets as a contact world: the robot, with a held target, is system 0, the free targets follow.
+/// The resulting motion is copied to the robot itself, so that drives, wrenches and sensors need not distinguish the
+/// cases.
 pub struct Touching {
     world: ContactWorld,
-    /// Of each collider.
+    /// The link of each collider.
     labels: Vec<Label>,
     /// Ids of all targets.
     targets: Vec<u64>,
-    /// Number in `targets` of the target that the robot holds.
+    /// Index in `targets` of the held target.
     held: Option<usize>,
-    /// Points at which two links touch, by the first colliders of these links.
+    /// Number of contact points of two links, each represented by the first collider on it.
     touched: BTreeMap<[usize; 2], usize>,
     events: Vec<LinkEvent>,
-    /// Why the last step could not be taken.
+    /// Error of the last step, if it failed.
     failure: Option<String>,
     input: Input,
 }
 
 impl Touching {
-    /// A world with the labels of its colliders and the ids of its targets, of which the robot holds number `held`.
+    /// A contact world with the links of its colliders and the ids of its targets; `held` is the index of the held
+    /// target.
     pub(super) fn new(
         world: ContactWorld,
         labels: Vec<Label>,
@@ -69,32 +71,32 @@ impl Touching {
         }
     }
 
-    /// The contact world: the robot with what it holds is system 0, the other targets follow.
+    /// The contact world: the robot with a held target is system 0, the free targets follow.
     pub fn world(&self) -> &ContactWorld {
         &self.world
     }
 
-    /// The same, to check it.
+    /// Mutable [`Self::world`], for checks.
     pub(super) fn world_mut(&mut self) -> &mut ContactWorld {
         &mut self.world
     }
 
-    /// Whether its targets have these ids, and the robot holds number `held` of them.
+    /// Whether its targets have these ids, and `held` is the index of the held target.
     pub(super) fn has_targets(&self, ids: impl Iterator<Item = u64>, held: Option<usize>) -> bool {
         self.held == held && self.targets.iter().copied().eq(ids)
     }
 
-    /// Whether the contacts are those of the present state of `system`, the robot with what it holds.
+    /// Whether the contacts are those of the current state of `system`, the robot with a held target.
     pub(super) fn is_at(&self, system: &Floating) -> bool {
         self.world.systems()[0].state() == system.state()
     }
 
-    /// Whether the robot, with what it holds, is `system`.
+    /// Whether `system` is the robot with the same held target as here.
     pub(super) fn is_of(&self, system: &Floating) -> bool {
         self.world.systems()[0].model() == system.model()
     }
 
-    /// The targets that the robot does not hold: number of the system, and number among all targets.
+    /// The free targets: index of the system, and index among all targets.
     pub(super) fn free_targets(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
         let held = self.held;
         let free = (0..self.targets.len()).filter(move |i| Some(*i) != held);
@@ -106,21 +108,21 @@ impl Touching {
         &self.labels[collider.index()]
     }
 
-    /// The points at which bodies touch and press on each other now.
+    /// The points at which bodies currently press on each other.
     pub fn points(&self) -> impl Iterator<Item = ContactPoint> + '_ {
         self.world.contacts()
     }
 
-    /// Takes over the state of system `i`, if it was changed from outside.
+    /// Adopts the state of system `i`, if it was changed from outside.
     pub(super) fn follow(&mut self, i: usize, body: &Floating) {
         if self.world.systems()[i].state() != body.state() {
-            // Contacts that go on are found again.
+            // Contacts that persist are detected again.
             self.touched.clear();
             self.world.replace_state(i, body.state());
         }
     }
 
-    /// Advances everything by `dt` \[s\] under the held input of the robot.
+    /// Advances all bodies by `dt` \[s\] under the robot's held input.
     pub(super) fn step(&mut self, robot: &mut Floating, dt: f64) {
         self.follow(0, robot);
         self.world.input_mut(0).copy_from(robot.input());
@@ -129,7 +131,7 @@ impl Touching {
         self.finish(stepped.map_err(|e| e.to_string()), start, robot);
     }
 
-    /// The same under the input that `forcing` makes of the held one at every stage.
+    /// As [`Self::step`]; at every stage, `forcing` changes the held input.
     pub(super) fn step_with(&mut self, robot: &mut Floating, dt: f64, forcing: &mut impl Forcing) {
         self.follow(0, robot);
         self.world.input_mut(0).copy_from(robot.input());
@@ -142,7 +144,7 @@ impl Touching {
         robot.input_mut().copy_from(self.world.systems()[0].input());
     }
 
-    /// Records contacts and events of a step from `start` \[s\].
+    /// Records the outcome of a step that began at `start` \[s\]: motion of the robot, contacts and events, or failure.
     fn finish(&mut self, stepped: Result<(), String>, start: f64, robot: &mut Floating) {
         if let Err(e) = stepped {
             self.failure = Some(e);
@@ -171,7 +173,7 @@ impl Touching {
         }
     }
 
-    /// The first collider on the link of a collider.
+    /// The first collider on the link that carries `collider`.
     fn first_of_link(&self, collider: ColliderId) -> usize {
         let label = &self.labels[collider.index()];
         let first = self.labels.iter().position(|other| other == label);
@@ -183,8 +185,8 @@ impl Touching {
         self.events.drain(..)
     }
 
-    /// Contacts that `before`, the bodies in another grouping, had are continued: those that have ended meanwhile are returned,
-    /// those that go on have no event.
+    /// Takes over the contacts of `before`, the contact world that this one replaces. Returns the contacts that have
+    /// ended; persisting contacts produce no event.
     pub(super) fn continue_from(&mut self, before: &Self) -> Vec<[String; 2]> {
         let points: Vec<_> = self.points().map(|point| point.colliders).collect();
         for colliders in points {
@@ -204,7 +206,7 @@ impl Touching {
         touched.map(|(links, _)| links.map(|k| self.labels[k].link.as_str()))
     }
 
-    /// Why a step could not be taken, once.
+    /// The error of a failed step, returned once.
     pub(super) fn take_failure(&mut self) -> Option<String> {
         self.failure.take()
     }
@@ -215,7 +217,7 @@ impl Touching {
         self.points().map(of).collect()
     }
 
-    /// All pairs of links but those of the robot with the target that it holds.
+    /// All pairs of links, except those of the robot with the held target.
     pub(super) fn pairs_without_held(&self) -> Vec<[String; 2]> {
         let held = self.held.map(|i| i + 1);
         let mut pairs = Vec::new();
@@ -231,8 +233,7 @@ impl Touching {
         pairs
     }
 
-    /// Shapes that overlap do not act on each other before they have been apart, unless their links are among
-    /// `touching`.
+    /// Suspends the contact of shapes that overlap until they have been apart, except for pairs of links in `touching`.
     pub(super) fn suspend_overlaps(&mut self, touching: &[[String; 2]]) {
         let Self { world, labels, .. } = self;
         world.suspend_overlaps(|colliders| {
@@ -244,10 +245,10 @@ impl Touching {
         });
     }
 
-    /// Computes the accelerations of the robot's frames under what acts now, contacts included.
+    /// Computes the accelerations of the robot's frames under the held input and contacts.
     pub(super) fn set_accelerations(&mut self, robot: &mut Floating) {
         if !self.is_at(robot) {
-            // Contacts of another state.
+            // The contacts are those of another state.
             robot.accelerations();
             return;
         }
@@ -257,14 +258,15 @@ impl Touching {
         robot.input_mut().copy_from(&self.input);
     }
 
-    /// Adds what contacts exert now to the input of `system`, the robot with what it holds, if it is in the state of the contacts.
+    /// Adds the contact wrenches to the input of `system`, the robot with a held target, if its state is that of the
+    /// contacts.
     pub(super) fn add_wrenches(&self, system: &mut Floating) {
         if self.is_at(system) {
             self.world.add_wrenches(0, system.input_mut());
         }
     }
 
-    /// Adds what contacts exert now on the links of `robot`, which is at `X_WB`, to `wrenches` on its bodies.
+    /// Adds the contact wrenches on the links of `robot`, whose pose is `X_WB`, to `wrenches` on its bodies.
     pub(super) fn add_wrenches_on_links(
         &self,
         robot: &Floating,
@@ -291,7 +293,7 @@ impl Touching {
         }
     }
 
-    /// Momentum of everything, angular about the common centre of mass.
+    /// Total momentum, angular about the common centre of mass.
     pub(super) fn momentum(&self) -> Momentum {
         self.world.momentum()
     }

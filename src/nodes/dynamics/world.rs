@@ -45,13 +45,13 @@ use crate::{
 /// Name of the robot in messages.
 const ROBOT: &str = "the robot";
 
-/// The robot and the free bodies. They share time, and grasps and contacts if there are any.
+/// The robot and the free bodies, with a common time, and their grasps and contacts.
 pub struct World {
     /// The robot.
     pub robot: Robot,
     /// The free bodies.
     pub targets: Vec<Target>,
-    /// The robot's state at the start.
+    /// Initial state of the robot.
     start: RobotState,
     /// The robot's state before the last step.
     backup: StateBackup<Robot>,
@@ -62,23 +62,23 @@ pub struct World {
     contacts: Option<WorldContacts>,
     imu: ImuParams,
     pub(super) wrist: Option<Wrist>,
-    /// Random walk of the gyro's bias up to the present tick \[rad/s\].
+    /// Random walk of the gyro's bias up to the last tick \[rad/s\].
     gyro_walk: Vector3<f64>,
     star_tracker: Option<StarTracker>,
     time: TickTime,
     /// Longest integration step \[s\].
     time_step: f64,
-    /// Names of the joints whose effort limit is the default, and its acceleration \[rad/s² or m/s²\].
+    /// Names of the joints with a default effort limit, and the acceleration that gives it \[rad/s² or m/s²\].
     default_limits: (Vec<String>, f64),
     /// See [`World::not_simulated`].
     not_simulated: Option<String>,
 }
 
 impl World {
-    /// The world as the parameters describe it, at time zero.
+    /// The world in its initial state, as configured by the parameters.
     ///
     /// # Errors
-    /// A line that names file or parameter.
+    /// A line that names the file or parameter.
     pub fn new(params: &DynamicsParams) -> Result<Self, String> {
         let described = params.robot.compile()?;
         let (model, default_limits) = limited(&described, params.default_joint_acceleration);
@@ -124,12 +124,12 @@ impl World {
         self.time.now()
     }
 
-    /// Time of the next state to publish \[s\].
+    /// Time of the next tick, at which the next state is published \[s\].
     pub(super) fn next_tick(&self) -> f64 {
         self.time.next_tick()
     }
 
-    /// Number of the last state that was due for publication.
+    /// Number of the last tick.
     pub(super) fn ticks(&self) -> u64 {
         self.time.ticks()
     }
@@ -137,7 +137,7 @@ impl World {
     /// Index of the target called `name`.
     ///
     /// # Errors
-    /// A line that lists the targets there are.
+    /// A line that lists the known targets.
     pub fn target_index(&self, name: &str) -> Result<usize, String> {
         let found = self.targets.iter().position(|t| t.name == name);
         found.ok_or_else(|| {
@@ -149,7 +149,7 @@ impl World {
         })
     }
 
-    /// Time is zero again; the bodies stay as they are.
+    /// Resets time to zero; bodies keep their states, but held targets are released.
     pub(super) fn reset_time(&mut self) {
         self.wrenches.clear(None);
         self.drop_held();
@@ -158,8 +158,8 @@ impl World {
         self.gyro_walk = Vector3::zeros();
     }
 
-    /// Robot and free bodies return to their states at the start, or to those in which they were spawned. Nothing acts
-    /// on them.
+    /// Robot and free bodies return to their initial states, or to those in which they were spawned. All commands,
+    /// wrenches and grasps end.
     pub(super) fn reset_state(&mut self) {
         self.robot.restore(&self.start);
         self.grasps.reset(self.time.now());
@@ -172,17 +172,17 @@ impl World {
         }
     }
 
-    /// Errors of the inertial measurement unit.
+    /// Parameters of the inertial measurement unit.
     pub(super) fn imu(&self) -> &ImuParams {
         &self.imu
     }
 
-    /// Bias of the gyro now \[rad/s\].
+    /// Current bias of the gyro \[rad/s\].
     pub(super) fn gyro_bias(&self) -> Vector3<f64> {
         self.imu.gyro_bias + self.gyro_walk
     }
 
-    /// Shows the star tracker the present attitude. Call this for every state, once.
+    /// Exposes the star tracker to the current attitude. Call this once for every state.
     pub fn expose_star_tracker(&mut self) {
         let time = self.time.now();
         if let Some(tracker) = &mut self.star_tracker {
@@ -190,7 +190,7 @@ impl World {
         }
     }
 
-    /// The next attitude that the star tracker delivers now, oldest first.
+    /// The next attitude that the star tracker has ready at the current time, oldest first.
     pub fn next_star_tracker_frame(&mut self) -> Option<StarTrackerFrame> {
         let time = self.time.now();
         self.star_tracker.as_mut()?.deliver(time)
@@ -206,7 +206,7 @@ impl World {
         self.not_simulated.as_deref()
     }
 
-    /// Which effort limits are not from the robot's description, as a line; `None` if all are.
+    /// Lists the joints with default effort limits, as a line; `None` if the description gives all limits.
     pub fn default_effort_limits(&self) -> Option<String> {
         let (joints, acceleration) = &self.default_limits;
         (!joints.is_empty()).then(|| {
@@ -217,10 +217,10 @@ impl World {
         })
     }
 
-    /// Checks that no state has diverged: is finite, and slower than 1e6 rad/s or m/s.
+    /// Checks that no motion has diverged: states are finite, and speeds and distances within their limits.
     ///
     /// # Errors
-    /// A line with the time, what moves too fast, and what helps.
+    /// A line with the time, the quantity that is too large, and a remedy.
     pub fn check_divergence(&self) -> Result<(), String> {
         if let Some(what) = divergence::of(&self.robot) {
             return Err(self.diverged(ROBOT, &what));
@@ -247,7 +247,7 @@ impl World {
         )
     }
 
-    /// Steps to the next tick.
+    /// Advances to the next tick.
     pub fn step_to_tick(&mut self) {
         let start = self.time.now();
         let seconds = self.time.advance_to_tick();
@@ -255,27 +255,27 @@ impl World {
         self.finish_tick();
     }
 
-    /// What changes at the end of each tick.
+    /// Updates mean efforts, mean wheel torques and the gyro's bias at the end of a tick.
     fn finish_tick(&mut self) {
         self.drive.finish_tick(self.time.period());
         self.wheel_torques.finish_tick(self.time.period());
         self.gyro_walk += self.imu.bias_step(self.time.ticks(), self.time.period());
     }
 
-    /// Steps to the next tick, and restores what has diverged, as [`Self::restore_diverged`].
+    /// Advances to the next tick, and restores bodies that have diverged, as [`Self::restore_diverged`].
     ///
     /// # Errors
-    /// As [`Self::check_divergence`], before anything was restored.
+    /// As [`Self::check_divergence`], for the motion before restoring.
     pub(super) fn step_to_tick_or_restore(&mut self) -> Result<(), String> {
         self.step_to_tick();
         self.restore_diverged()
     }
 
-    /// Steps to `time` \[s\], but not beyond the next tick, and restores what has diverged, as
+    /// Advances to `time` \[s\], but not beyond the next tick, and restores bodies that have diverged, as
     /// [`Self::restore_diverged`]. Does nothing if `time` is in the past.
     ///
     /// # Errors
-    /// As [`Self::check_divergence`], before anything was restored.
+    /// As [`Self::check_divergence`], for the motion before restoring.
     pub(super) fn step_within_tick_or_restore(&mut self, time: f64) -> Result<(), String> {
         let start = self.time.now();
         let Some(seconds) = self.time.advance_within_tick(time) else {
@@ -290,13 +290,13 @@ impl World {
         self.time.is_between_ticks()
     }
 
-    /// A body whose motion has diverged gets the state before its last step, so that a commander that asks for too much
-    /// does not end the simulation for all others. The robot's joints are stopped, and its efforts are zero until the
-    /// next command; momentum is conserved, unless it has diverged already since the last command: then the robot is
-    /// stopped altogether. Wrenches on it end. A target is stopped likewise.
+    /// Restores bodies that have diverged to the state before the last step, so that an excessive command does not end
+    /// the simulation for everyone. The robot's joints are stopped, its efforts are zero until the next command, and
+    /// wrenches on it end. Its momentum is kept, unless it has diverged before since the last command: then it is
+    /// stopped completely. Likewise for targets.
     ///
     /// # Errors
-    /// As [`Self::check_divergence`], before anything was restored.
+    /// As [`Self::check_divergence`], for the motion before restoring.
     fn restore_diverged(&mut self) -> Result<(), String> {
         let checked = self.check_divergence();
         if checked.is_err() {
@@ -328,11 +328,11 @@ impl World {
         self.wheel_torques.means()
     }
 
-    /// Holds `torques` of wheels (wheel index, torque \[N m\]) from now on. Each motor gives what its limits allow. Other
-    /// wheels keep theirs.
+    /// Holds wheel `torques` (wheel index, torque \[N m\]), limited by what each motor can give. Other wheels keep
+    /// their torques.
     ///
     /// # Panics
-    /// If the robot has fewer wheels.
+    /// If there is no wheel of this index.
     pub fn hold_wheel_torques(&mut self, torques: impl IntoIterator<Item = (usize, f64)>) {
         self.backup.command();
         if let Some(robot) = self.robot.flexible_mut() {
@@ -342,17 +342,17 @@ impl World {
         }
     }
 
-    /// The torques of all wheels are zero from now on.
+    /// Sets the torques of all wheels to zero.
     pub fn release_wheels(&mut self) {
         if let Some(robot) = self.robot.flexible_mut() {
             robot.input_mut().wheel_torques.fill(0.0);
         }
     }
 
-    /// Opens the valves of thrusters for some time from now on (thruster index, time \[s\]). Others keep what they do.
+    /// Opens thruster valves for some time from now (thruster index, time \[s\]). Other thrusters are not affected.
     ///
     /// # Panics
-    /// If the robot has fewer thrusters.
+    /// If there is no thruster of this index.
     pub fn fire(&mut self, on_times: impl IntoIterator<Item = (usize, f64)>) {
         self.backup.command();
         if let Some(robot) = self.robot.flexible_mut() {
@@ -362,33 +362,33 @@ impl World {
         }
     }
 
-    /// Holds joint `efforts` (joint index, effort \[N m or N\]) from now on, cut to the joints' limits. Other joints
-    /// keep what they do. Returns whether any was cut.
+    /// Holds joint `efforts` (joint index, effort \[N m or N\]), clamped to the joints' limits. Other joints keep their
+    /// setpoints. Returns whether any was clamped.
     pub fn hold_efforts(&mut self, efforts: impl IntoIterator<Item = (usize, f64)>) -> bool {
         self.backup.command();
         self.drive.hold_efforts(&mut self.robot, efforts)
     }
 
-    /// Lets a servo drive the joints to `rates` (joint index, rate \[rad/s or m/s\]) from now on, cut to the joints'
-    /// limits. Other joints keep what they do. Returns whether any was cut.
+    /// Drives joints at `rates` (joint index, rate \[rad/s or m/s\]) by a servo, clamped to the joints' limits. Other
+    /// joints keep their setpoints. Returns whether any was clamped.
     pub fn drive_rates(&mut self, rates: impl IntoIterator<Item = (usize, f64)>) -> bool {
         self.backup.command();
         self.drive.drive_rates(&mut self.robot, rates)
     }
 
-    /// Sets what joints do from now on, as [`JointDrive::command`].
+    /// Sets setpoints of joints, as [`JointDrive::command`].
     pub(super) fn command(&mut self, setpoints: &[(usize, Setpoint)]) -> Option<&'static str> {
         self.backup.command();
         (self.drive).command(&mut self.robot, setpoints.iter().copied())
     }
 
-    /// Begins a motion of all joints, which replaces their commands.
+    /// Begins a motion of all joints, which replaces their setpoints.
     pub(super) fn begin(&mut self, motion: ArmMotion) {
         self.backup.command();
         self.drive.begin(&self.robot, motion, self.time.now());
     }
 
-    /// A gripper, in the order of the parameter `grippers`, moves to a goal from now on.
+    /// Sets the goal of a gripper; grippers are in the order of the parameter `grippers`.
     pub fn set_gripper_goal(&mut self, gripper: usize, goal: GripperGoal) {
         self.backup.command();
         self.drive.set_gripper_goal(&self.robot, gripper, goal);
@@ -404,24 +404,24 @@ impl World {
         self.drive.twist_servo()
     }
 
-    /// What wrenches from outside and thrusters have changed of the robot and what it holds since the start, without what
-    /// its targets have; `None` if none has acted.
+    /// Change of momentum and work by external wrenches and thrusters on robot and held target since the start, without
+    /// the effect of targets; `None` if none has acted.
     pub fn external_change(&self) -> Option<&ExternalChange> {
         self.wrenches.change()
     }
 
-    /// Whether the scenario itself acts on the robot from outside, by thrusters or excitations of links.
+    /// Whether the scenario itself can exert external forces on the robot: by thrusters or excitations of links.
     pub fn is_acted_on(&self) -> bool {
         let robot = self.robot.flexible();
         let has_thrusters = robot.is_some_and(|r| !r.system().thrusters().is_empty());
         has_thrusters || self.wrenches.excitations().push()
     }
 
-    /// Applies a couple \[N m\] (base axes) to the base from now on for `seconds`, as a message on `wrench` does. It
-    /// replaces the one before.
+    /// Applies a couple \[N m\] (base axes) to the base for `seconds` from now, as a message on `wrench` does. It
+    /// replaces the previous one.
     ///
     /// # Errors
-    /// A line, when too many wrenches wait.
+    /// A line, if too many wrenches act or wait.
     pub fn hold_couple(&mut self, couple: Vector3<f64>, seconds: f64) -> Result<(), String> {
         let link = self.robot.model().frames()[0].clone();
         let now = self.time();
@@ -436,7 +436,7 @@ impl World {
         })
     }
 
-    /// Wrenches from outside, to add or clear some.
+    /// External wrenches, to add or clear some.
     pub(super) fn wrenches_mut(&mut self) -> &mut ExternalWrenches {
         &mut self.wrenches
     }
@@ -446,38 +446,38 @@ impl World {
         self.drive.mode()
     }
 
-    /// Joints of a commander that is replaced stop: efforts and rates are zero. A motion goes on, since the next
-    /// command begins with it.
+    /// Stops the joints when another commander takes over: efforts and rates become zero. A motion continues, since the
+    /// next command begins with it.
     pub(super) fn stop_joints(&mut self) {
         if self.drive.mode() != DriveMode::Motion {
             self.drive.halt(&mut self.robot);
         }
     }
 
-    /// Puts the joints' drives into their safe state, as [`JointDrive::halt`].
+    /// Puts the joints' drives into the safe state, as [`JointDrive::halt`].
     pub(super) fn halt(&mut self) {
         self.drive.halt(&mut self.robot);
     }
 
-    /// Halts the joints, and sets the torques of the wheels to zero.
+    /// Halts the joints, and sets wheel torques to zero.
     pub(super) fn halt_all(&mut self) {
         self.halt();
         self.release_wheels();
     }
 
-    /// Acceleration of the base frame's origin as a point, and angular acceleration, under what acts now; in the world,
-    /// base axes.
+    /// Acceleration of the base frame's origin as a point, and angular acceleration, under the current input, in the
+    /// world, base axes.
     pub(super) fn base_acceleration(&mut self) -> Twist {
         self.under_excitations(|robot| robot.A_WB_B())
     }
 
-    /// What `read` finds of the robot under all that acts now.
+    /// Calls `read` on the robot with the excitations of the current time added to its input.
     pub(super) fn under_excitations<T>(&mut self, read: impl FnOnce(&mut Robot) -> T) -> T {
         let time = self.time.now();
         (self.wrenches).while_excited(&mut self.robot, time, read)
     }
 
-    /// Adds the torques that the wheels' motors give from `time` \[s\] for `seconds`.
+    /// Adds the wheels' motor torques during `seconds` from `time` \[s\] to their means.
     fn add_wheel_torques(&mut self, time: f64, seconds: f64) {
         if let Some(robot) = self.robot.flexible() {
             let wheels = robot.system().wheels().iter();
@@ -491,7 +491,7 @@ impl World {
         }
     }
 
-    /// Steps the targets that the robot neither holds nor may touch.
+    /// Steps the targets that are not integrated together with the robot.
     fn step_free_targets(&mut self, seconds: f64) {
         let steps = step_count(seconds, self.time_step);
         for i in 0..self.targets.len() {
@@ -501,7 +501,7 @@ impl World {
         }
     }
 
-    /// Steps from the time `start` \[s\] by `seconds`, which end now.
+    /// Advances the bodies by `seconds` from `start` \[s\] to the current time.
     fn step_from(&mut self, start: f64, seconds: f64) {
         self.backup.save(&self.robot);
         self.wrenches.save_change();
@@ -511,11 +511,11 @@ impl World {
         let end = self.time.now();
         let (mut time, mut targets_at) = (start, start);
         loop {
-            // Wrenches begin and end on time.
+            // Steps end where wrenches and excitations begin or end.
             let next_grasp = self.grasps.next_change(time, end);
             let next = self.wrenches.next_change(time, next_grasp);
             let next = self.next_choice_of_axes(time, next);
-            // The difference of two times is not the period to the last digit.
+            // The difference of two times equals the period only up to rounding.
             let part = match (time == start, next < end) {
                 (true, false) => seconds,
                 (false, false) => end - time,
@@ -551,8 +551,8 @@ impl World {
     }
 }
 
-/// The robot with effort limits for all joints, the names of those whose description gives none, and the `acceleration`
-/// \[rad/s² or m/s²\] of the limits that they get. With zero they get none.
+/// The robot with effort limits for all joints; the names of the joints that get a default limit, from `acceleration`
+/// \[rad/s² or m/s²\], and this acceleration. No default limits if it is zero.
 fn limited(described: &Model, acceleration: f64) -> (Model, (Vec<String>, f64)) {
     let unlimited = (described.joints().iter()).filter(|joint| joint.limits.effort.is_infinite());
     let names: Vec<_> = unlimited.map(|joint| joint.name.clone()).collect();
@@ -565,7 +565,7 @@ fn limited(described: &Model, acceleration: f64) -> (Model, (Vec<String>, f64)) 
     }
 }
 
-/// Line on joint physics that is requested but not simulated, always or near other bodies.
+/// A line on joint physics that is requested but not simulated, always or near other bodies; `None` if there is none.
 fn not_simulated(robot: &Robot, params: &DynamicsParams) -> Option<String> {
     let settings = &params.joint_physics;
     if let Some(robot) = robot.flexible() {

@@ -1,4 +1,4 @@
-//! Wrenches that peers apply to the robot: the topic `wrench` and the services `apply_link_wrench` and
+//! Inputs for external wrenches on the robot: the topic `wrench` and the services `apply_link_wrench` and
 //! `clear_link_wrenches`.
 
 use nalgebra::Vector3;
@@ -25,13 +25,13 @@ use crate::{
     spatial::Wrench,
 };
 
-/// Largest force \[N\] or torque \[N m\], and farthest point \[m\].
+/// Largest force \[N\], torque \[N m\] and distance of the point \[m\].
 const LARGEST: f64 = 1e6;
 
-/// Most messages that are handled before time is looked at again.
+/// Maximum number of messages that one call of [`take`] handles, so that a flood cannot stall simulated time.
 const MAX_MESSAGES: usize = 64;
 
-/// Endpoints of wrenches.
+/// The topic and the services.
 pub struct WrenchInputs {
     wrenches: Subscription<WrenchStamped>,
     apply: Calls<ApplyLinkWrench>,
@@ -41,15 +41,15 @@ pub struct WrenchInputs {
 }
 
 impl WrenchInputs {
-    /// Offers the interfaces.
+    /// Subscribes to the topic and advertises the services.
     ///
     /// # Errors
-    /// When DDS refuses.
+    /// When DDS reports an error.
     pub fn new(node: &Node) -> Result<Self, NodeError> {
         let mut status = StepStatus::new(node.diagnostics().status("wrenches"));
         status.ok("no wrench was applied yet");
         let wrenches = topics::WRENCH.subscribe(node)?;
-        // Messages of one publisher must not crowd out those of another.
+        // The queue keeps messages per publisher, so that one publisher cannot crowd out another.
         wrenches.separate_publishers();
         Ok(Self {
             wrenches,
@@ -60,7 +60,7 @@ impl WrenchInputs {
         })
     }
 
-    /// Drops waiting messages, and answers calls with `reason`.
+    /// Drops pending messages, and refuses pending calls with `reason`.
     pub fn discard(&mut self, reason: &str) {
         while self.wrenches.take().is_some() {}
         while let Some(call) = self.apply.take() {
@@ -78,7 +78,7 @@ impl WrenchInputs {
     }
 }
 
-/// Applies the wrenches that wait, and answers calls.
+/// Applies pending wrenches, and answers calls.
 pub fn take(simulation: &mut Simulation) {
     let Simulation {
         wrench_inputs: inputs,
@@ -139,7 +139,7 @@ fn link(world: &World, field: &str, name: &str) -> Result<Frame, String> {
     })
 }
 
-/// Force and torque of a message.
+/// Force and torque of a message, checked to be finite and not too large.
 fn checked(wrench: &geometry_msgs::Wrench) -> Result<Wrench, String> {
     let parts = [("force", &wrench.force), ("torque", &wrench.torque)];
     let [force, torque] = parts.map(|(name, part)| finite(name, &vector_from_msg(part)));
@@ -148,7 +148,7 @@ fn checked(wrench: &geometry_msgs::Wrench) -> Result<Wrench, String> {
 
 fn finite(name: &str, v: &Vector3<f64>) -> Result<Vector3<f64>, String> {
     for (axis, value) in ["x", "y", "z"].iter().zip(v) {
-        // NaN is not within the limit either.
+        // This is false for NaN, too.
         let is_valid = value.abs() <= LARGEST;
         if !is_valid {
             return Err(format!(

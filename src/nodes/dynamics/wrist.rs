@@ -1,4 +1,5 @@
-//! The force and torque sensor in a joint: the wrench that the part of the robot beyond the joint exerts on the rest.
+//! Force and torque sensor in a joint: it measures the wrench that the links beyond the joint exert on the rest of the
+//! robot.
 
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -14,12 +15,12 @@ use crate::{
     spatial::Wrench,
 };
 
-/// Where the sensor is, and its errors.
+/// Location and measurement errors of the sensor.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct WristParams {
-    /// The joint that it is in; empty if there is no sensor.
+    /// The joint that contains the sensor; empty without a sensor.
     pub joint: String,
-    /// Link with the sensor's axes, and with its centre at the origin; empty is the link that the joint moves.
+    /// Link whose frame gives the sensor's axes and its centre; empty for the link moved by the joint.
     pub frame: String,
     /// Standard deviation of each component of force \[N\] and torque \[N m\].
     pub noise: (f64, f64),
@@ -80,21 +81,21 @@ impl WristParams {
     }
 }
 
-/// The sensor in its robot.
+/// The sensor.
 pub(super) struct Wrist {
     params: WristParams,
     /// First body beyond the joint; the sensor carries its subtree.
     body: usize,
     frame: Frame,
-    /// Wrenches on the bodies of a rigid robot.
+    /// Held input and contact wrenches of a rigid robot.
     input: Input,
 }
 
 impl Wrist {
-    /// The sensor that the parameters describe; `None` without one.
+    /// The sensor configured by the parameters; `None` without one.
     ///
     /// # Errors
-    /// A line that names the parameter and lists what there is.
+    /// A line that names the parameter and lists the known joints or links.
     pub fn new(params: &WristParams, robot: &Robot) -> Result<Option<Self>, String> {
         if params.joint.is_empty() {
             return Ok(None);
@@ -130,13 +131,13 @@ impl Wrist {
         }))
     }
 
-    /// Name of the link that the wrench is given in.
+    /// Name of the link in whose frame the wrench is given.
     pub fn frame(&self) -> &str {
         &self.frame.name
     }
 
-    /// What the links beyond the joint exert on the rest, about the centre of the sensor in its axes (needs
-    /// [`Robot::set_accelerations`]).
+    /// Wrench that the links beyond the joint exert on the rest, about the sensor's centre and in its axes. Requires
+    /// [`Robot::set_accelerations`].
     fn wrench(&mut self, robot: &mut Robot) -> Wrench {
         let on_rest_B = match robot.flexible_mut() {
             Some(flexible) => flexible.transmitted_wrench(self.body),
@@ -150,7 +151,7 @@ impl Wrist {
         )
     }
 
-    /// The same about the base's origin, of a rigid robot with its contacts.
+    /// As [`Self::wrench`], about the base's origin in base axes, for a rigid robot including contacts.
     fn of_rigid(&mut self, robot: &Robot) -> Wrench {
         let Some(floating) = robot.rigid() else {
             return Wrench::ZERO;
@@ -165,11 +166,12 @@ impl Wrist {
         floating.transmitted_wrench(self.body, &self.input.wrenches)
     }
 
-    /// The same with bias and noise of the state with this number: a state that is published twice has one measurement.
+    /// The wrench with bias and noise. They depend only on the seed and `tick`: publishing a state twice gives the same
+    /// measurement.
     fn measure(&mut self, robot: &mut Robot, tick: u64) -> Wrench {
         let truth = self.wrench(robot);
         let params = &self.params;
-        // Other numbers than those of the inertial measurement unit.
+        // Random numbers independent of those of the inertial measurement unit.
         let mut random = StdRng::seed_from_u64(params.seed.rotate_left(16) ^ tick ^ 0x5749_5354);
         let mut noise = |deviation: f64| {
             let mut normal = || random.sample::<f64, _>(StandardNormal);
@@ -182,7 +184,7 @@ impl Wrist {
 }
 
 impl World {
-    /// Present measurement of the force and torque sensor, in its link's axes; `None` without a sensor.
+    /// Current measurement of the force and torque sensor, in the axes of its link; `None` without a sensor.
     pub fn wrist_wrench(&mut self) -> Option<Wrench> {
         let mut wrist = self.wrist.take()?;
         let tick = self.ticks();
@@ -207,7 +209,7 @@ pub fn wrist_message(stamp: Time, world: &mut World) -> Option<geometry_msgs::Wr
     Some(message)
 }
 
-/// A message of the sensor, to be updated; `None` without one.
+/// Template of a sensor message, for [`update_wrist_message`]; `None` without a sensor.
 pub(super) fn blank_wrist_message(world: &World) -> Option<geometry_msgs::WrenchStamped> {
     Some(geometry_msgs::WrenchStamped {
         header: header(Time::ZERO, world.wrist_frame()?),

@@ -1,46 +1,47 @@
-//! When the next batch is due.
+//! Batch schedule: decides when the next batch solution is due.
 
-/// Longest pause between the starts of two batches that `solver_share` causes \[s\]; the filter bridges it.
+/// Longest pause between the starts of two batches due to `solver_share` \[s\]; the filter bridges it.
 const LONGEST_PAUSE: f64 = 10.0;
 
-/// Times of the last batch, from which follows when the next one is due. Times of frames are in seconds, in the frames'
-/// own time; how long a batch takes is measured by the wall clock.
+/// Data of the last batch that determine when the next one is due. Times of frames are stamps; the duration of a batch
+/// is wall time.
 #[derive(Debug, Default)]
 pub struct BatchSchedule {
-    /// Time of the newest frame of the last batch \[s\]; `None` if the next one is due at once.
+    /// Stamp of the newest frame in the last batch \[s\]; `None` if the next batch is due at once.
     newest: Option<f64>,
-    /// Time that the frames of the last batch span \[s\].
+    /// Time span of the frames in the last batch \[s\].
     span: f64,
-    /// How long the last batch took \[s\].
+    /// Duration of the last batch solution \[s\].
     duration: f64,
 }
 
 impl BatchSchedule {
-    /// Whether the next batch is due. `newest` is the time of the newest frame; the next batch starts `period` after the
-    /// last one, or earlier once frames have `stopped`, so that the last batch has all of them.
+    /// Whether the next batch is due; `newest` is the stamp of the newest frame. A batch starts `period` after the last
+    /// one, or earlier if frames have `stopped`, so that the last batch includes all frames.
     pub fn is_due(&self, newest: f64, period: f64, stopped: bool) -> bool {
         self.newest
             .is_none_or(|last| newest >= last + period || (stopped && newest > last))
     }
 
-    /// Pause between the starts of two batches \[s\] for which the solver takes `share` of a processor core. It is at most
-    /// ten seconds, and at most the window of the last batch: what a few frames tell is soon corrected.
+    /// Pause between the starts of two batches \[s\] at which the solver takes a `share` of one processor core. At most
+    /// ten seconds, and at most the time span of the last batch, since a solution from few frames should soon be
+    /// corrected.
     pub fn pause(&self, share: f64) -> f64 {
         (self.duration / share).min(LONGEST_PAUSE).min(self.span)
     }
 
-    /// A batch of frames from `oldest` to `newest` \[s\] starts.
+    /// Records the start of a batch of frames from `oldest` to `newest` \[s\].
     pub fn start(&mut self, (oldest, newest): (f64, f64)) {
         self.newest = Some(newest);
         self.span = newest - oldest;
     }
 
-    /// The batch has ended after `duration` \[s\].
+    /// Records the duration \[s\] of a finished batch.
     pub fn end(&mut self, duration: f64) {
         self.duration = duration;
     }
 
-    /// The next batch is due at once, with the first frame.
+    /// Makes the next batch due at once, with the first frame.
     pub fn restart(&mut self) {
         self.newest = None;
     }

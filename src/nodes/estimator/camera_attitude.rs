@@ -1,4 +1,4 @@
-//! Attitude of the camera from the messages `imu` and `/tf_static`.
+//! Attitude of the camera, integrated from `imu` with the mounting from `/tf_static`.
 
 use std::collections::BTreeMap;
 
@@ -11,20 +11,20 @@ use crate::{
     ros::Time,
 };
 
-/// Integrates the gyro on `imu`, rotated to the camera's axes by the mounting on `/tf_static`.
+/// Integrates the gyro rates from `imu`, rotated to camera axes by the mounting from `/tf_static`.
 #[derive(Debug, Default)]
 pub struct CameraAttitude {
     mounts: StaticRotations,
-    /// The camera's attitude.
+    /// The integrated attitude of the camera.
     pub gyro: GyroAttitude,
-    /// Variance of a sample \[rad²/s²\], where the messages give it.
+    /// Variance of a gyro sample \[rad²/s²\]; `None` if the messages do not give it.
     variance: Option<f64>,
-    /// Time of the last sample, and the interval before it \[s\].
+    /// Stamp of the last sample, and the interval before it \[s\].
     last: Option<(f64, f64)>,
 }
 
 impl CameraAttitude {
-    /// With a gyro whose frame is `unit` and a camera `camera` that has the rotation `R_UC` in it.
+    /// For a camera with the optical frame `camera`, mounted with the rotation `R_UC` in the gyro's frame `unit`.
     pub fn mounted(unit: &str, camera: &str, R_UC: UnitQuaternion<f64>) -> Self {
         let mount = (camera.to_owned(), (unit.to_owned(), R_UC));
         Self {
@@ -33,7 +33,7 @@ impl CameraAttitude {
         }
     }
 
-    /// Adds fixed frames.
+    /// Adds the fixed frames of a message.
     ///
     /// # Errors
     /// A line that names the first frame whose quaternion is not a rotation.
@@ -41,18 +41,18 @@ impl CameraAttitude {
         self.mounts.take(message)
     }
 
-    /// Random walk of the integrated gyro: the samples' deviation times the root of their interval \[rad/√s\]. `None`
-    /// if the messages do not give the deviation.
+    /// Angular random walk of the integrated gyro \[rad/√s\]: standard deviation of a sample times the square root of
+    /// the sampling interval. `None` if the messages do not give the variance.
     pub fn gyro_noise(&self) -> Option<f64> {
         let (_, interval) = self.last?;
         let noise = (self.variance? * interval).sqrt();
         (noise > 0.0).then_some(noise)
     }
 
-    /// Adds a measurement, for a camera with the optical frame `camera`.
+    /// Adds a gyro measurement, for a camera with the optical frame `camera`.
     ///
     /// # Errors
-    /// A line that names what is not finite, or the frames without a connection on `/tf_static`.
+    /// A line that names the quantity that is not finite, or the frames that `/tf_static` does not connect.
     pub fn take_imu(&mut self, imu: &Imu, camera: &str) -> Result<(), String> {
         let unit = &imu.header.frame_id;
         let R_UC = self.mounts.rotation(unit, camera).ok_or_else(|| {
@@ -76,8 +76,8 @@ impl CameraAttitude {
     }
 }
 
-/// Variance of one component of a gyro's sample \[rad²/s²\] from the covariance of a message, row by row: the mean of
-/// the diagonal. `None` if it is unknown: all zero, or -1 first, as `sensor_msgs/Imu` says.
+/// Variance of one component of a gyro sample \[rad²/s²\]: the mean diagonal element of a message's covariance matrix.
+/// `None` if unknown: all elements zero, or the first one -1, as defined by `sensor_msgs/Imu`.
 pub fn variance_of(covariance: &[f64; 9]) -> Option<f64> {
     let mean = (covariance[0] + covariance[4] + covariance[8]) / 3.0;
     (covariance[0] >= 0.0 && mean.is_finite() && mean > 0.0).then_some(mean)
@@ -105,7 +105,7 @@ impl StaticRotations {
     /// Rotation `R_RF` of `frame` in its ancestor `root`; `None` if the frames are not connected.
     pub fn rotation(&self, root: &str, frame: &str) -> Option<UnitQuaternion<f64>> {
         let (mut at, mut R) = (frame, UnitQuaternion::identity());
-        // A chain cannot be longer than the number of frames; this also ends loops.
+        // The number of frames limits the length of a chain; this also terminates in case of a cycle.
         for _ in 0..=self.0.len() {
             if at == root {
                 return Some(R);

@@ -1,4 +1,4 @@
-//! Frames that wait until the gyro has been sampled past their time.
+//! Frame queue: camera frames wait until a gyro sample of their time or later has arrived.
 
 use std::{
     collections::VecDeque,
@@ -7,11 +7,11 @@ use std::{
 
 use crate::vision::FeatureFrame;
 
-/// Longest wait of a frame for the gyro. After that the frame is used with the last known attitude.
+/// Longest wait of a frame for the gyro. Then the frame is used with the last known attitude.
 const LONGEST_WAIT: Duration = Duration::from_millis(500);
 
-/// Frames in order of arrival. Frames and gyro samples come on two topics, so either may be the first to arrive; the
-/// camera's attitude at the time of a frame is known only after a later gyro sample.
+/// Frames in order of arrival. The camera's attitude at a frame is known only after a later gyro sample, which may
+/// arrive before or after the frame, since the topics differ.
 #[derive(Debug, Default)]
 pub struct FrameQueue(VecDeque<(FeatureFrame, Instant)>);
 
@@ -21,8 +21,8 @@ impl FrameQueue {
         self.0.push_back((frame, now));
     }
 
-    /// The oldest frame, if its wait is over. `gyro_until` is the time of the newest gyro sample \[s\]; without a gyro no
-    /// frame waits.
+    /// Removes the oldest frame if its wait is over. `gyro_until` is the stamp of the newest gyro sample \[s\]; without
+    /// a gyro, frames do not wait.
     pub fn pop(&mut self, gyro_until: Option<f64>, now: Instant) -> Option<FeatureFrame> {
         let (frame, arrived) = self.0.front()?;
         let known = gyro_until.is_none_or(|until| frame.time <= until);

@@ -1,11 +1,12 @@
-//! Diagnostics of the motion.
+//! Diagnostics of the motion estimate.
 
 use crate::{
     estimation::{MIN_KNOWN_POINTS, MotionSource, MotionTracker, filter::Update},
     ros::Status,
 };
 
-/// Reports the motion at `time` \[s\] and how well it is known; `failure`: why the last batch has no solution.
+/// Reports the motion at `time` \[s\] and the quality of the estimate; `failure` says why the last batch has no
+/// solution.
 pub fn report(status: &Status, tracker: &MotionTracker, time: f64, failure: Option<&str>) {
     let (motion, batch) = (tracker.motion(), tracker.batch());
     let model = motion.model().name();
@@ -42,7 +43,7 @@ pub fn report(status: &Status, tracker: &MotionTracker, time: f64, failure: Opti
     }
 }
 
-/// Why the newest frame did not correct the filter.
+/// The reason why the newest frame did not correct the filter.
 fn reason(last: Option<&Update>) -> &'static str {
     match last {
         Some(Update { rejected, .. }) if *rejected >= MIN_KNOWN_POINTS => {

@@ -1,4 +1,4 @@
-//! Estimates as messages. All messages of one time are in the camera's axes C at that time.
+//! Conversion of estimates to messages. A message is in the camera's axes C at the time of its stamp.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -13,9 +13,9 @@ use crate::{
     spatial::unwound,
 };
 
-/// The motion at one time, as seen from the camera at that time.
+/// The motion estimate at one time, expressed in the camera's axes at that time.
 pub struct Snapshot<'a> {
-    /// The motion.
+    /// The motion estimate.
     pub tracker: &'a MotionTracker,
     /// The time \[s\].
     pub time: f64,
@@ -23,9 +23,9 @@ pub struct Snapshot<'a> {
     pub camera: &'a str,
     /// Attitude of the camera at that time in the inertial axes of the motion.
     pub R_IC: UnitQuaternion<f64>,
-    /// The known length that gives the scale.
+    /// The known length on the target, which gives the scale.
     pub known_length: Option<&'a KnownLength>,
-    /// Measured distances of points, which give the scale as well.
+    /// Measured distances of feature points, which also give the scale.
     pub ranges: &'a [MeasuredRange],
 }
 
@@ -42,14 +42,14 @@ impl Snapshot<'_> {
         self.R_IC.inverse() * self.tracker.motion().attitude(time) * self.tracker.R_BF()
     }
 
-    /// Metres per unit of length by the known length, otherwise by the measured ranges; `None` if neither gives it.
+    /// Metres per unit of length: from the known length, otherwise from the measured distances; `None` without either.
     fn scale(&self) -> Option<Scale> {
         let solution = self.tracker.batch().estimated.solution.as_ref()?;
         let known = self.known_length.and_then(|l| solution.scale(l).ok());
         known.or_else(|| solution.scale_of_ranges(self.ranges))
     }
 
-    /// The centre of mass at the time of the message, and the unit of length.
+    /// Motion of the centre of mass at this time, and its unit of length.
     fn centre(&self) -> Option<(CentreMotion, &'static str)> {
         let centre = self.tracker.centre(self.time)?;
         Some(match self.scale() {
@@ -68,7 +68,7 @@ impl Snapshot<'_> {
         let J = motion.J().unwrap_or_default();
         let mut covariance = [0.0; 16];
         if let Some(known) = motion.covariance() {
-            // Symmetric, so that columns are rows.
+            // The matrix is symmetric: order of rows and columns does not matter.
             covariance.copy_from_slice(known.as_slice());
         }
         let direction = self.R_IC.inverse() * motion.momentum_direction();
@@ -76,7 +76,7 @@ impl Snapshot<'_> {
         let state = self.tracker.state(self.time);
         let turned = |m: Matrix3<f64>| -> [f64; 9] {
             let m = R_CI * m * R_CI.transpose();
-            // Symmetric, so that columns are rows.
+            // The matrix is symmetric: order of rows and columns does not matter.
             std::array::from_fn(|k| m.as_slice()[k])
         };
         let of_state = |get: fn(&MotionState) -> Matrix3<f64>| {
@@ -96,7 +96,7 @@ impl Snapshot<'_> {
             let spread = centre
                 .as_ref()
                 .map(|(c, _)| c.covariance.fixed_view::<3, 3>(from, from).into_owned());
-            // Symmetric, so that columns are rows.
+            // The matrix is symmetric: order of rows and columns does not matter.
             spread.map_or([0.0; 9], |m| std::array::from_fn(|k| m.as_slice()[k]))
         };
         fuyu_msgs::MotionEstimate {
@@ -139,9 +139,9 @@ impl Snapshot<'_> {
         }
     }
 
-    /// `estimator/prediction`: attitudes of F from this time on over `horizon` \[s\], at `rate` \[Hz\], in the
-    /// camera's axes at this time. Positions are those of the centre of mass, in metres if a known length or measured ranges give
-    /// the scale, otherwise in units of its depth when the batch began; zero for a method without positions.
+    /// `estimator/prediction`: attitudes of F from this time over `horizon` \[s\], at `rate` \[Hz\], in the camera's
+    /// axes at this time. Positions are those of the centre of mass: in metres if the scale is known, otherwise in
+    /// units of its depth at the beginning of the batch; zero if the method gives no positions.
     pub fn prediction(&self, horizon: f64, rate: f64) -> nav_msgs::Path {
         let metres = self.scale().map_or(1.0, |scale| scale.metres);
         let steps = (horizon * rate + 1e-9).floor() as u32;

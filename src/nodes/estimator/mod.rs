@@ -1,8 +1,8 @@
-//! Estimator node: estimates the motion of a tumbling target from feature tracks, and predicts its attitudes.
+//! The estimator node: estimates the motion of a tumbling target from feature tracks, and predicts its attitude.
 //!
 //! Inputs are the camera's features and calibration, the base's gyro, the mounting of both sensors (`/tf_static`), and
-//! clouds of points that give the scale of lengths. Batch solutions over a window of frames are computed in a separate thread; a [`MotionTracker`](crate::estimation::MotionTracker)
-//! continues the last solution from frame to frame.
+//! point clouds, which give the scale of lengths. Batch solutions over a window of frames are computed in a separate
+//! thread; between them, a [`MotionTracker`](crate::estimation::MotionTracker) updates the solution with every frame.
 
 mod batch_schedule;
 mod camera_attitude;
@@ -30,11 +30,11 @@ use crate::{
 };
 use observer::Observer;
 
-/// Longest wait for a message before the node checks whether the solver has finished.
+/// Longest wait for a message before the node checks the solver again.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// Queue length for frames and gyro samples, which accumulate when a recording is played fast. A lost gyro sample
-/// leaves a part of the camera's rotation unknown.
+/// Queue length for frames and gyro samples, which accumulate when a recording is played fast. If a gyro sample is
+/// lost, a part of the camera's rotation is unknown.
 const QUEUE: usize = 1000;
 
 /// Time without features after which the node warns.
@@ -43,7 +43,7 @@ const SILENCE: Duration = Duration::from_secs(2);
 /// The node's program.
 ///
 /// # Errors
-/// Invalid parameters, or DDS errors.
+/// For invalid parameters, or when DDS reports an error.
 pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let params = EstimatorParams::declare(&mut declare);
@@ -102,7 +102,7 @@ impl Topics {
         })
     }
 
-    /// The next valid frame in the queue; invalid ones are reported.
+    /// The next valid frame in the queue; invalid frames are reported.
     fn next_frame(&mut self, observer: &mut Observer) -> Option<FeatureFrame> {
         while let Some(received) = self.features.take() {
             match feature_frame_from_msg(&received.message) {

@@ -1,13 +1,14 @@
-//! Times of messages that must not go back.
+//! Monotonic time stamps of published messages.
 
-/// The latest time for which anything was published.
+/// The latest published time stamp.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Monotonic {
     latest: Option<f64>,
 }
 
 impl Monotonic {
-    /// Whether a message for `time` \[s\] may be published after the earlier ones; if so, it is the latest now.
+    /// Returns whether a message at `time` \[s\] may be published: not before the latest one. If so, `time` becomes the
+    /// latest.
     pub fn advance(&mut self, time: f64) -> bool {
         let may = self.latest.is_none_or(|latest| time >= latest);
         if may {

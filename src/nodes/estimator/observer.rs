@@ -1,4 +1,4 @@
-//! Observer: collects frames and gyro samples, runs solver and motion tracker, and publishes the motion.
+//! Observer: collects frames and gyro samples, runs batch solver and motion tracker, and publishes the motion.
 
 use super::{
     EstimatorParams, Topics,
@@ -24,7 +24,7 @@ use crate::{
     vision::{Distortion, FeatureFrame, Pinhole},
 };
 
-/// Number of frame intervals without a frame after which the motion is extrapolated.
+/// Silence, in frame intervals, after which the motion is extrapolated.
 const MISSED_INTERVALS: f64 = 3.0;
 
 /// State of the estimator node.
@@ -35,26 +35,26 @@ pub struct Observer {
     /// Name of the camera's optical frame.
     pub camera_frame: String,
     attitude: CameraAttitude,
-    /// Restarts of the gyro attitude when the newest frame arrived.
+    /// Number of restarts of the gyro integration when the newest frame arrived.
     gyro_restarts: u32,
-    /// Frames whose time the gyro has not reached.
+    /// Frames that wait for a gyro sample.
     queue: FrameQueue,
     tracks: Tracks,
     ranges: Ranges,
     solver: Solver,
     schedule: BatchSchedule,
     tracker: Option<MotionTracker>,
-    /// Stamp of the newest frame \[s\], and its time of arrival.
+    /// Stamp of the newest frame \[s\], and its arrival time.
     newest: Option<(f64, Time)>,
-    /// Time from the frame before the newest to the newest \[s\].
+    /// Interval between the last two frames \[s\].
     interval: f64,
-    /// Time of the last published motion \[s\]; `None` after a reset of the motion.
+    /// Stamp of the last published motion \[s\]; `None` after a reset of the motion.
     published_at: Option<f64>,
-    /// Times for which anything was published.
+    /// Latest published time stamp.
     published: Monotonic,
     /// Why the last batch has no solution.
     failure: Option<String>,
-    /// Why the motion was reset, if it was.
+    /// Why the motion was last reset, if it was.
     reset_reason: Option<String>,
     camera_status: Status,
     motion_status: Status,
@@ -89,7 +89,7 @@ impl Observer {
         }
     }
 
-    /// Processes the messages about the camera: calibration, mounting and gyro.
+    /// Processes received messages on the camera: calibration, mounting and gyro.
     pub fn update_camera(&mut self, topics: &Topics) {
         let restarts = self.attitude.gyro.restarts();
         if let Some(received) = topics.camera_info.latest()
@@ -146,13 +146,13 @@ impl Observer {
         }
     }
 
-    /// Time from the newest gyro sample to the newest frame \[s\], if it is too long for the attitude to be known.
+    /// Time from the newest gyro sample to the newest frame \[s\], if too long for a known attitude.
     fn gyro_silence(&self) -> Option<f64> {
         let silence = self.tracks.span()?.1 - self.attitude.gyro.known_until()?;
         (silence > GYRO_GAP).then_some(silence)
     }
 
-    /// Whether there are frames.
+    /// Whether any frames are in the window.
     pub fn has_frames(&self) -> bool {
         !self.tracks.frames().is_empty()
     }
@@ -166,7 +166,7 @@ impl Observer {
         self.queue.push(frame, now);
     }
 
-    /// Measures the distances of features by the clouds that have arrived.
+    /// Measures distances of features from received point clouds.
     pub fn update_ranges(&mut self, topics: &Topics) {
         while let Some(received) = topics.points.take() {
             if let Err(problem) = self.ranges.take(&received.message, &self.camera_frame) {
@@ -190,7 +190,7 @@ impl Observer {
         }
     }
 
-    /// Processes the frames whose time the gyro has reached, or that have waited too long for it.
+    /// Processes the frames for which gyro samples have arrived, or that have waited too long for one.
     pub fn update_motion(&mut self, now: Time, topics: &Topics) {
         while let Some(frame) = self
             .queue
@@ -200,7 +200,7 @@ impl Observer {
         }
     }
 
-    /// Adds a frame that arrived at `now`, and publishes the motion at its time.
+    /// Adds a frame at the time `now`, and publishes the motion at the frame's stamp.
     fn add_frame(&mut self, frame: FeatureFrame, now: Time, topics: &Topics) {
         let time = frame.time;
         match self.tracks.span() {
@@ -218,7 +218,7 @@ impl Observer {
             _ => {}
         }
         if let Err(e) = self.tracks.push(frame) {
-            // The only fault left is a time that is not finite.
+            // The only remaining error is a stamp that is not finite.
             topics.status.warn(format!("{e}; the frame is ignored"));
             return;
         }
@@ -230,7 +230,7 @@ impl Observer {
         self.attitude.gyro.forget_before(oldest);
         self.ranges.forget_before(oldest);
         if let Some(since) = self.attitude.gyro.known_since() {
-            // The camera's rotation before that is not known.
+            // The camera's rotation before that time is unknown.
             self.tracks.forget_before(since.min(time));
         }
         let R_IC = self.attitude.gyro.R_GC(time);
@@ -256,7 +256,7 @@ impl Observer {
     fn restart(&mut self) {
         self.tracks = Tracks::default();
         self.ranges = Ranges::default();
-        // If the gyro has restarted already, its samples are needed from the first frame on.
+        // If the gyro integration has restarted already, its samples are needed from the first frame on.
         if self.attitude.gyro.restarts() == self.gyro_restarts {
             self.attitude.gyro.clear();
         }
@@ -264,7 +264,7 @@ impl Observer {
         self.reset_motion("time went back");
     }
 
-    /// Forgets the motion, and aborts the batch that is being solved.
+    /// Discards the motion, and aborts a running batch solution.
     fn reset_motion(&mut self, why: &str) {
         self.tracker = None;
         self.failure = None;
@@ -275,8 +275,8 @@ impl Observer {
         self.reset_reason = Some(why.to_owned());
     }
 
-    /// Publishes the angular velocity at `time` \[s\], and the motion if that is due. Nothing is published for a time
-    /// before that of an earlier message: the extrapolation goes beyond the frames that arrive after it.
+    /// Publishes the angular velocity at `time` \[s\], and the motion if it is due. Nothing is published for a time
+    /// before that of an earlier message, as happens when frames arrive after an extrapolation beyond them.
     fn publish(&mut self, time: f64, topics: &Topics) {
         if self.tracker.is_some() && !self.published.advance(time) {
             return;
@@ -287,7 +287,7 @@ impl Observer {
                 .publish(&snapshot.angular_velocity());
         }
         let period = self.params.prediction_period;
-        // Tolerance for rounding of the stamps.
+        // Tolerance for rounding of stamps.
         if self.published_at.is_none_or(|at| time > at + period - 1e-6) {
             self.publish_motion(time, topics);
         }
@@ -320,8 +320,8 @@ impl Observer {
         })
     }
 
-    /// Publishes the extrapolated motion while no frames arrive, until the end of the last prediction. `now` is the
-    /// node's time.
+    /// While no frames arrive: publishes the extrapolated motion, up to the prediction horizon. `now` is the node's
+    /// time.
     pub fn coast(&mut self, now: Time, topics: &Topics) {
         let (Some((stamp, arrived)), Some(published_at)) = (self.newest, self.published_at) else {
             return;
@@ -335,15 +335,15 @@ impl Observer {
         }
     }
 
-    /// Submits the frames of the window to the solver, if it is idle and a batch is due: after every solve period,
-    /// which grows with the time that a batch takes, and once frames have stopped, so that the last batch has them
-    /// all.
+    /// Submits the frames of the window to the solver if it is idle and a batch is due: periodically, with a period
+    /// that grows with the duration of a batch, and once after frames have stopped, so that the last batch includes all
+    /// frames.
     pub fn solve(&mut self, now: Time) {
         let (Some(camera), Some(span)) = (self.camera, self.tracks.span()) else {
             return;
         };
         let mut period = self.params.batch_period(self.tracker.is_some());
-        // The filter bridges a pause only as long as it knows most points.
+        // The filter can bridge a pause only while it knows most of the points.
         let knows_most_points = |tracker: &MotionTracker| {
             let update = tracker.last_update();
             update.is_none_or(|u| u.used + u.rejected >= u.unknown)
@@ -368,7 +368,7 @@ impl Observer {
         });
     }
 
-    /// Processes a solution that has arrived, and publishes the motion.
+    /// Takes a finished solution, and publishes the motion.
     pub fn take_solution(&mut self, topics: &Topics) {
         let solved = match self.solver.take() {
             Ok(None) => return,
@@ -415,7 +415,7 @@ impl Observer {
             None => next,
         });
         self.failure = None;
-        // The extrapolated motion may have been published for a later time.
+        // An extrapolated motion may have been published for a later time.
         let time = self.published.latest().map_or(newest, |at| at.max(newest));
         self.published.advance(time);
         self.publish_motion(time, topics);

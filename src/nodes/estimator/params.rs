@@ -11,8 +11,8 @@ use crate::{
     vision::Pinhole,
 };
 
-/// Longest time between the starts of two batches while there is no motion yet, and the time without frames after which
-/// the last ones are solved \[s\].
+/// Longest time between the starts of two batches while there is no motion yet; also the silence after which the last
+/// frames are solved \[s\].
 pub(super) const RETRY_PERIOD: f64 = 2.0;
 
 /// Parameters of the estimator node, read at the start.
@@ -20,43 +20,43 @@ pub(super) const RETRY_PERIOD: f64 = 2.0;
 pub struct EstimatorParams {
     /// Estimation method.
     pub method: EstimationMethod,
-    /// Length of the window of frames, up to the newest \[s\].
+    /// Length of the window of frames that a batch uses, up to the newest frame \[s\].
     pub window: f64,
-    /// Time between the starts of two batch solutions \[s\].
+    /// Least time between the starts of two batch solutions \[s\].
     pub solve_period: f64,
-    /// Largest share of a core for batch solutions: the next one starts when the last one's duration is this share of
-    /// the time \[s\] between the two.
+    /// Largest share of a processor core for batch solutions: the duration of a batch divided by the time until the
+    /// start of the next one.
     pub solver_share: f64,
-    /// Whether a filter corrects the last batch solution by every frame.
+    /// Whether a filter corrects the last batch solution with every frame.
     pub filter: bool,
-    /// Random walk of the angular momentum due to torques, relative to the momentum \[1/√s\].
+    /// Random walk of the angular momentum due to disturbance torques, relative to the momentum \[1/√s\].
     pub disturbance: f64,
     /// Time between two messages of motion and prediction \[s\].
     pub prediction_period: f64,
-    /// Length of the prediction \[s\].
+    /// Prediction horizon \[s\].
     pub horizon: f64,
-    /// Attitudes per second of the prediction \[Hz\].
+    /// Number of predicted attitudes per second \[Hz\].
     pub prediction_rate: f64,
-    /// Prior widths of torques, errors of the gyro and of the calibration.
+    /// Prior standard deviations of torques, gyro errors and calibration errors.
     pub widths: Widths,
     /// Standard deviation of an image coordinate \[px\].
     pub pixel_noise: f64,
     /// A known length on the target, which gives the scale.
     pub known_length: Option<KnownLength>,
-    /// Whether the camera's own rotation is removed with the base's gyro.
+    /// Whether the camera's own rotation is compensated by the base's gyro.
     pub use_imu: bool,
-    /// The camera's calibration; `None`: from `camera/camera_info`.
+    /// The camera's calibration; `None` to use `camera/camera_info`.
     pub camera: Option<Pinhole>,
 }
 
-/// Largest number of attitudes in a prediction: a message of 1 MB.
+/// Maximum number of attitudes in a prediction, which limits a message to 1 MB.
 const MAX_PREDICTED: f64 = 1e4;
 
 impl EstimatorParams {
-    /// Declares the parameters and reads them. The caller calls `finish` of `declare`.
+    /// Declares and reads the parameters. The caller must call `declare.finish`.
     ///
     /// # Errors
-    /// A line that names parameters with an invalid value, or with values that contradict each other.
+    /// A line that names parameters with invalid or contradictory values.
     pub fn declare(declare: &mut Declare) -> Result<Self, String> {
         let method = choice::declare(
             declare,
@@ -243,12 +243,12 @@ impl EstimatorParams {
         })
     }
 
-    /// The disturbance for the filter; `None` without a filter.
+    /// The disturbance assumed by the filter; `None` without a filter.
     pub fn filter_disturbance(&self) -> Option<f64> {
         self.filter.then_some(self.disturbance)
     }
 
-    /// Time between two batches \[s\], before the share of the processor counts; shorter while there is no motion yet.
+    /// Time between two batches \[s\] before `solver_share` is considered; shorter while there is no motion yet.
     pub fn batch_period(&self, has_motion: bool) -> f64 {
         match has_motion {
             true => self.solve_period,
@@ -256,8 +256,8 @@ impl EstimatorParams {
         }
     }
 
-    /// Options of a batch with the camera's motion by the gyro. `has_ranges`: whether distances of points have been
-    /// measured.
+    /// Options of a batch, including the camera's motion from the gyro. `has_ranges` says whether distances of points
+    /// have been measured.
     pub fn batch_options(&self, attitude: &CameraAttitude, has_ranges: bool) -> bundle::Options {
         bundle::Options {
             pixel_noise: self.pixel_noise,

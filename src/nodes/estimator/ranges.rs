@@ -1,4 +1,4 @@
-//! Distances of feature points from clouds of points, as of a stereo pair, a depth camera or a lidar.
+//! Distances of feature points, measured by point clouds of a stereo pair, a depth camera or a lidar.
 
 use std::collections::VecDeque;
 
@@ -11,19 +11,19 @@ use crate::{
     vision::{Feature, FeatureFrame, Pinhole},
 };
 
-/// A feature has the distance of the nearest point of the cloud in the image, if that is no farther away \[px\].
+/// A feature gets the distance of the nearest cloud point in the image, if that is within this radius \[px\].
 const NEARBY: f64 = 2.0;
 
-/// Least time between two clouds that are used \[s\]: the scale does not change.
+/// Least time between two clouds that are used \[s\]; more are not needed, since the scale does not change.
 const PERIOD: f64 = 1.0;
 
-/// Clouds that wait for their frame at most.
+/// Maximum number of clouds that wait for a frame.
 const WAITING: usize = 4;
 
-/// Longest time from a cloud to the frame nearest to it \[s\].
+/// Largest time difference between a cloud and its nearest frame \[s\].
 const LONGEST: f64 = 0.1;
 
-/// Points in the camera's axes at one time \[m\].
+/// A point cloud: points in camera axes \[m\] at one time.
 struct Cloud {
     time: f64,
     points: Vec<Vector3<f64>>,
@@ -34,25 +34,26 @@ struct Cloud {
 pub struct Ranges {
     waiting: VecDeque<Cloud>,
     measured: Vec<MeasuredRange>,
-    /// Time of the newest cloud that was taken \[s\].
+    /// Stamp of the newest cloud taken \[s\].
     taken_at: Option<f64>,
 }
 
 impl Ranges {
-    /// What has been measured in the window, in the order of the frames.
+    /// The distances measured within the window, in order of frames.
     pub fn measured(&self) -> &[MeasuredRange] {
         &self.measured
     }
 
-    /// Forgets what was measured before a time \[s\].
+    /// Discards distances measured before a time \[s\].
     pub fn forget_before(&mut self, time: f64) {
         self.measured.retain(|range| range.time >= time);
     }
 
-    /// Takes a cloud whose coordinates are in the frame `camera`, unless one was taken just before.
+    /// Takes a cloud whose coordinates are in the frame `camera`; ignores it if the last one was less than a second
+    /// ago.
     ///
     /// # Errors
-    /// Names the field of the message that is wrong.
+    /// Names the invalid field of the message.
     pub fn take(&mut self, message: &PointCloud2, camera: &str) -> Result<(), String> {
         let time = Time::from(&message.header.stamp).as_secs_f64();
         if (self.taken_at).is_some_and(|at| time >= at && time < at + PERIOD) {
@@ -73,13 +74,13 @@ impl Ranges {
         Ok(())
     }
 
-    /// From which time on frames are needed, for the oldest cloud that waits for one \[s\].
+    /// Time \[s\] from which frames are needed for the oldest waiting cloud.
     pub fn frames_needed_from(&self) -> Option<f64> {
         self.waiting.front().map(|cloud| cloud.time - LONGEST)
     }
 
-    /// Measures the features of the frames nearest to the waiting clouds. Returns the number of features in the last cloud
-    /// that was used.
+    /// Measures the features of the frames nearest in time to the waiting clouds. Returns the number of features
+    /// measured with the last cloud used; `None` if no cloud was used.
     pub fn measure(&mut self, frames: &[FeatureFrame], camera: &Pinhole) -> Option<usize> {
         let newest = frames.last()?.time;
         let mut found = None;
@@ -103,8 +104,8 @@ impl Ranges {
     }
 }
 
-/// The distances of the features of a frame, by id. A depth camera measures hundreds of thousands of points, so each is compared
-/// with the features in its columns only.
+/// The distances of the features of a frame, ordered by id. A cloud has up to hundreds of thousands of points, so each
+/// point is compared only with features in nearby image columns.
 fn measured_in(
     frame: &FeatureFrame,
     points: &[Vector3<f64>],
@@ -112,7 +113,7 @@ fn measured_in(
 ) -> Vec<MeasuredRange> {
     let mut features: Vec<&Feature> = frame.features.iter().collect();
     features.sort_by(|a, b| a.u.total_cmp(&b.u));
-    // Distance in the image \[px\] and from the camera \[m\] of the nearest point.
+    // Of the nearest point: distance in the image \[px\], and distance from the camera \[m\].
     let mut nearest: Vec<Option<(f64, f64)>> = vec![None; features.len()];
     for point in points {
         let Some([u, v]) = camera.project(point) else {
@@ -278,7 +279,7 @@ mod tests {
         ranges
             .take(&cloud(1.02, &points, false, FLOAT32), "camera")
             .unwrap();
-        // A second one within a second is not used.
+        // A second cloud within a second is not used.
         ranges
             .take(&cloud(1.5, &points, false, FLOAT32), "camera")
             .unwrap();
@@ -290,7 +291,7 @@ mod tests {
             ),
             frame(1.1, &[(7, 320.0, 240.0)]),
         ];
-        // Its frame may be the next one.
+        // The nearest frame may be the next one.
         assert_eq!(ranges.measure(&frames[..2], &CAMERA), None);
         assert_eq!(ranges.measure(&frames, &CAMERA), Some(2));
         let measured: Vec<_> = ranges
@@ -319,7 +320,7 @@ mod tests {
         assert!(refused(|c| c.point_step = 8).contains("point_step"));
         assert!(refused(|c| c.width = u32::MAX).contains("bytes"));
         assert!(refused(|c| c.height = 2).contains("bytes"));
-        // An empty one is well formed.
+        // An empty cloud is valid.
         let empty = cloud(0.0, &[], false, FLOAT32);
         Ranges::default().take(&empty, "camera").unwrap();
     }

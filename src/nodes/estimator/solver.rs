@@ -1,4 +1,4 @@
-//! Batch solutions on a separate thread, so that frames are processed without delay.
+//! Batch solver on a separate thread, so that frames are processed without delay.
 
 use std::{
     sync::mpsc::{Receiver, Sender, TryRecvError, channel},
@@ -20,7 +20,7 @@ pub struct Job {
     pub tracks: Tracks,
     /// The camera.
     pub camera: Pinhole,
-    /// Options, with the camera's motion.
+    /// Options, including the camera's motion.
     pub options: bundle::Options,
 }
 
@@ -28,9 +28,9 @@ pub struct Job {
 pub struct Solved {
     /// The job.
     pub job: Job,
-    /// The estimate, or why there is none.
+    /// The estimate, or the reason for its failure.
     pub result: Result<Estimated, MethodError>,
-    /// How long it took \[s\], wall time.
+    /// Duration \[s\], wall time.
     pub duration: f64,
 }
 
@@ -42,7 +42,7 @@ pub struct Solver {
 }
 
 impl Solver {
-    /// Starts the thread. It ends when the solver is dropped and its work is done.
+    /// Starts the thread. It ends after the solver is dropped and the current job is done.
     pub fn start() -> Self {
         let (jobs, queue) = channel::<Job>();
         let (done, results) = channel();
@@ -78,7 +78,7 @@ impl Solver {
         self.busy = self.jobs.send(job).is_ok();
     }
 
-    /// The solved job, if there is one.
+    /// Takes the solved job, if there is one.
     ///
     /// # Errors
     /// If the thread panicked; a new one has been started.

@@ -125,7 +125,7 @@ impl Overlay {
     }
 }
 
-/// Grey value of the background.
+/// Maximum number of pixels of the background image.
 const MOST_PIXELS: usize = 1 << 24;
 
 const NOTHING: Color = rgba(0.0, 0.0, 0.0, 0.0);

@@ -1,4 +1,4 @@
-//! Mesh files for clients: those that the robot descriptions in the graph name, and no others.
+//! Mesh files for clients: only those that robot descriptions in the graph name.
 
 use std::{
     collections::BTreeSet,
@@ -12,10 +12,10 @@ use crate::{
 
 /// Largest mesh \[bytes\].
 const LARGEST: u64 = 64 << 20;
-/// Meshes that are remembered.
+/// Maximum number of mesh names that are stored.
 const MOST: usize = 10_000;
 
-/// The meshes that may be fetched.
+/// Names of the meshes that clients may fetch.
 #[derive(Default)]
 pub struct Assets(Mutex<BTreeSet<String>>);
 
@@ -25,7 +25,7 @@ impl Assets {
         let Ok(std_msgs::String { data }) = cdr::decode(description) else {
             return;
         };
-        // An invalid description is reported by those that use it.
+        // Users of an invalid description report it.
         let Ok(document) = roxmltree::Document::parse(&data) else {
             return;
         };
@@ -42,7 +42,7 @@ impl Assets {
     /// The content of a mesh.
     ///
     /// # Errors
-    /// A line that says why there is none.
+    /// A line that says why it cannot be fetched.
     pub fn fetch(&self, name: &str) -> Result<Vec<u8>, String> {
         let known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if !known.contains(name) {

@@ -1,9 +1,10 @@
-//! Topics that the operator's client publishes: topics that nodes read and no node writes, such as `joy` and `goal_pose`.
+//! Topics that the operator's client publishes: those with subscribers but no publishers among the nodes, such as `joy`
+//! and `goal_pose`.
 //!
-//! Only commands of the client that has control are accepted. Steering commands (`joy`, `cmd_vel`) that arrive much later
-//! than usual have been delayed in the network and are dropped. When control ends, for whatever reason, the last steering
-//! command is repeated with all axes and buttons released, so that the arm stops at once and not only after the timeout of
-//! the teleop node.
+//! Only commands of the client that has control are accepted. Steering commands (`joy`, `cmd_vel`) that arrive much
+//! later than usual were delayed in the network and are dropped. When control ends, for whatever reason, the last
+//! steering command is repeated with all axes and buttons released, so that the arm stops at once instead of after the
+//! timeout of the teleop node.
 
 use std::{
     collections::BTreeMap,
@@ -29,31 +30,31 @@ use crate::{
 
 /// Largest message of a client \[bytes\].
 const LARGEST: usize = 1 << 20;
-/// Topics that clients may publish on at a time: each is an endpoint in the graph.
+/// Maximum number of topics on which clients publish at a time: each is an endpoint in the graph.
 const MOST_TOPICS: usize = 64;
 
-/// The topics that clients publish on.
+/// Publishers for clients, with control and lateness checks.
 pub struct ClientTopics {
     node: Node,
     control: Arc<Mutex<Control<ClientId>>>,
-    /// Lateness beyond which commands of the steering are dropped.
+    /// Lateness above which steering commands are dropped.
     max_lateness: Duration,
     allowed: Vec<Declaration>,
     publishers: Mutex<BTreeMap<String, RawPublisher>>,
-    /// The last command of the steering on each topic, since control was taken.
+    /// The last steering command on each topic, since control was taken.
     steering: Mutex<BTreeMap<String, Steering>>,
     late: AtomicU64,
     refused: AtomicU64,
 }
 
-/// A command that moves the arm for as long as it is in force.
+/// A steering command: it moves the arm until it is replaced or times out.
 enum Steering {
     Joy(Joy),
     Twist(TwistStamped),
 }
 
 impl Steering {
-    /// `None` if messages of `type_name` do not steer.
+    /// Decodes a steering command; `None` if `type_name` is not a type of steering commands.
     fn read(type_name: &str, data: &[u8]) -> Option<Result<Self, cdr::CdrError>> {
         match type_name {
             "sensor_msgs/msg/Joy" => Some(cdr::decode(data).map(Self::Joy)),
@@ -62,7 +63,7 @@ impl Steering {
         }
     }
 
-    /// By the client's clock \[s\]; `None` if it states no time.
+    /// Stamp by the client's clock \[s\]; `None` if it is zero.
     fn sent(&self) -> Option<f64> {
         let stamp = match self {
             Self::Joy(joy) => &joy.header.stamp,
@@ -72,7 +73,7 @@ impl Steering {
         stated.then(|| Time::from(stamp).as_secs_f64())
     }
 
-    /// The same message with everything released.
+    /// The same message with all axes and buttons released, or a zero twist.
     fn released(self) -> Vec<u8> {
         match self {
             Self::Joy(mut joy) => {
@@ -89,7 +90,7 @@ impl Steering {
 }
 
 impl ClientTopics {
-    /// None yet.
+    /// No publishers yet.
     pub fn new(
         node: &Node,
         control: Arc<Mutex<Control<ClientId>>>,
@@ -109,15 +110,15 @@ impl ClientTopics {
         }
     }
 
-    /// Commands that were dropped because they were late, and messages that were refused.
+    /// Number of commands dropped because they were late, and number of refused messages.
     pub fn dropped(&self) -> [u64; 2] {
         [self.late.load(Relaxed), self.refused.load(Relaxed)]
     }
 
-    /// The declaration of a client's channel.
+    /// The declaration of the topic of a client's channel.
     ///
     /// # Errors
-    /// Why clients may not publish there.
+    /// The reason why clients may not publish there.
     fn declared(&self, channel: &ClientChannel) -> Result<&Declaration, String> {
         let ClientChannel {
             topic, encoding, ..
@@ -147,7 +148,7 @@ impl ClientTopics {
         Ok(declared)
     }
 
-    /// Tells a client that wants to publish whether it may.
+    /// Warns a client that advertises a channel on which it may not publish.
     pub fn advertised(&self, client: &Client, channel: &ClientChannel) {
         if let Err(problem) = self.declared(channel) {
             client.send_status(Status::warning(problem));
@@ -158,7 +159,7 @@ impl ClientTopics {
     pub fn take(&self, client: &Client, channel: &ClientChannel, data: &[u8]) {
         if let Err(problem) = self.publish(client.id(), channel, data) {
             self.refused.fetch_add(1, Relaxed);
-            // With an id, a client shows it once.
+            // Clients show statuses with the same id once.
             let status = Status::warning(problem).with_id(format!("refused {}", channel.topic));
             client.send_status(status);
         }
@@ -182,7 +183,7 @@ impl ClientTopics {
             Some(read) => Some(read.map_err(|e| format!("{topic}: {e}"))?),
             None => None,
         };
-        // Held from the check of control to the end: the release of another thread must not come between them.
+        // Locked from the check of control until publishing: another thread must not end control in between.
         let mut publishers = lock(&self.publishers);
         if !lock(&self.control).command(client, Instant::now()) {
             return Err(format!(
@@ -214,7 +215,7 @@ impl ClientTopics {
         Ok(())
     }
 
-    /// Ends the control of a client that no longer publishes on a topic of the steering, or has disconnected.
+    /// Ends the control of a client that stops publishing on a steering topic, or disconnects.
     pub fn withdrawn(&self, client: &Client, channel: &ClientChannel) {
         let steers = lock(&self.steering).contains_key(&channel.topic);
         if steers {
@@ -222,14 +223,14 @@ impl ClientTopics {
         }
     }
 
-    /// Ends the control of `client`, if it has it.
+    /// Ends the control of `client`, if it has control.
     pub fn release(&self, client: ClientId) {
         if lock(&self.control).release(client) {
             self.stop();
         }
     }
 
-    /// Ends the control of a client that has been silent for too long; returns whether one was.
+    /// Ends the control of a client that was silent for too long. Returns whether there was one.
     pub fn expire(&self) -> bool {
         let expired = lock(&self.control).expire(Instant::now()).is_some();
         if expired {
@@ -238,7 +239,7 @@ impl ClientTopics {
         expired
     }
 
-    /// Releases everything on the topics of the steering.
+    /// Publishes released commands on the steering topics.
     fn stop(&self) {
         let publishers = lock(&self.publishers);
         for (topic, last) in std::mem::take(&mut *lock(&self.steering)) {

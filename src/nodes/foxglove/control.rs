@@ -1,21 +1,21 @@
-//! Who operates: one client at a time, as long as its messages arrive.
+//! Control arbitration: one client at a time has control, as long as its messages arrive.
 
 use std::time::{Duration, Instant};
 
-/// Clients whose delays are remembered.
+/// Number of clients whose delays are remembered.
 const REMEMBERED: usize = 64;
-/// Fastest drift between the clocks of client and server that is followed \[s/s\].
+/// Largest clock drift between client and server that is tracked \[s/s\].
 const DRIFT: f64 = 1e-3;
 
-/// Control of the robot. Clients are identified by `C`.
+/// Arbiter of control over the robot. Clients are identified by `C`.
 #[derive(Debug)]
 pub struct Control<C> {
     timeout: Duration,
     holder: Option<Holder<C>>,
-    /// The last client that was silent for too long. Its delayed messages must not give it control again.
+    /// The client that lost control last by silence. Its delayed messages must not give it control again.
     silent: Option<C>,
-    /// Delays of the clients that have had control, the last one at the end. A client that takes it again after the network was
-    /// stalled has commands on their way that are as late as those before.
+    /// Delays of the clients that have had control, the current one last. They are kept, since a client that takes
+    /// control again after a network stall may still have delayed commands on the way.
     delays: Vec<(C, Delay)>,
 }
 
@@ -26,7 +26,7 @@ struct Holder<C> {
 }
 
 impl<C: Copy + PartialEq> Control<C> {
-    /// Nobody has control. A client loses it when it has been silent for `timeout`.
+    /// Nobody has control. A client loses control when it is silent for `timeout`.
     pub fn new(timeout: Duration) -> Self {
         Self {
             timeout,
@@ -36,7 +36,7 @@ impl<C: Copy + PartialEq> Control<C> {
         }
     }
 
-    /// Gives `client` control if nobody else has it; returns whether it has control now.
+    /// Gives `client` control if nobody else has it. Returns whether `client` has control now.
     pub fn take(&mut self, client: C, now: Instant) -> bool {
         match &mut self.holder {
             Some(holder) if holder.client == client => holder.heard = now,
@@ -50,7 +50,7 @@ impl<C: Copy + PartialEq> Control<C> {
         true
     }
 
-    /// Puts the delays of `client` at the end, where those of the client in control are.
+    /// Moves the delays of `client` to the end of the list, the place of the client in control.
     fn remember(&mut self, client: C) {
         let known = self.delays.iter().position(|(known, _)| *known == client);
         let delay = known.map_or(Delay::default(), |i| self.delays.remove(i).1);
@@ -60,8 +60,8 @@ impl<C: Copy + PartialEq> Control<C> {
         self.delays.push((client, delay));
     }
 
-    /// Whether a command that `client` publishes counts. If nobody has control, the client takes it by the command, unless it
-    /// has just lost it by its silence.
+    /// Whether a command published by `client` is accepted. If nobody has control, the client takes it by the command,
+    /// unless it has just lost control by silence.
     pub fn command(&mut self, client: C, now: Instant) -> bool {
         if self.holder.is_none() && self.silent == Some(client) {
             return false;
@@ -79,8 +79,8 @@ impl<C: Copy + PartialEq> Control<C> {
         self.holder.is_some()
     }
 
-    /// How much longer a message took than the fastest one of the client that has control \[s\]: `sent` by the client's
-    /// clock, `received` by the server's.
+    /// Lateness of a message \[s\]: its delay beyond the smallest delay of the client in control. `sent` is by the
+    /// client's clock, `received` by the server's.
     pub fn lateness(&mut self, sent: f64, received: f64) -> f64 {
         match (&self.holder, self.delays.last_mut()) {
             (Some(_), Some((_, delay))) => delay.excess(sent, received),
@@ -88,7 +88,7 @@ impl<C: Copy + PartialEq> Control<C> {
         }
     }
 
-    /// Takes control from `client`; returns whether it had it.
+    /// Ends the control of `client`. Returns whether it had control.
     pub fn release(&mut self, client: C) -> bool {
         let held = self.holds(client);
         if held {
@@ -97,7 +97,7 @@ impl<C: Copy + PartialEq> Control<C> {
         held
     }
 
-    /// Takes control from a client that has been silent for too long; returns it.
+    /// Ends the control of a client that was silent for too long. Returns the client.
     pub fn expire(&mut self, now: Instant) -> Option<C> {
         let holder = self.holder.as_ref()?;
         let (client, silence) = (holder.client, now.saturating_duration_since(holder.heard));
@@ -110,10 +110,11 @@ impl<C: Copy + PartialEq> Control<C> {
     }
 }
 
-/// Delays of messages between two clocks whose offset is unknown, relative to the least one.
+/// Delays of messages between two clocks with unknown offset, relative to the smallest delay.
 #[derive(Debug, Default)]
 struct Delay {
-    /// Least difference of the clocks' times so far \[s\], and when it was last updated.
+    /// Smallest clock difference (received minus sent) so far, corrected for drift, and the time of its last update
+    /// \[s\].
     least: Option<(f64, f64)>,
 }
 

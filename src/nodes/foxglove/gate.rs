@@ -1,13 +1,13 @@
-//! The gate in front of the WebSocket servers of Foxglove's SDK, which accept every web page and wait for a handshake
-//! forever. Browsers send the page that connects as the header `Origin`; the gate passes requests of allowed pages, and of
-//! programs, which send none, to a server: those whose query has the access token (`ws://HOST:PORT/?token=TOKEN`) to
-//! the one whose clients may operate, all others to the one whose clients only watch. Requests that do not ask for a
-//! WebSocket get a file of the cockpit's page.
+//! The gate: an access check in front of the WebSocket servers of Foxglove's SDK, which accept every web page and wait
+//! forever for a handshake. Browsers send the origin of the connecting page in the header `Origin`; other programs send
+//! none. The gate admits allowed origins, and requests without an origin. Requests whose query has the access token
+//! (`ws://HOST:PORT/?token=TOKEN`) are passed to the server for operators, all others to the server for watchers.
+//! Requests without a WebSocket upgrade get a file of the cockpit's page.
 //!
-//! What clients send waits while a topic is being advertised (`advertisements.rs`).
+//! Messages of clients are held back while a topic is being advertised (`advertisements.rs`).
 //!
-//! The SDK (0.30) has no hook for any of this. Its servers listen on random addresses of the loopback network and random
-//! ports, 2^40 possibilities that a web page cannot search, so that the gate cannot be bypassed.
+//! The SDK (0.30) has no hook for any of this. Its servers listen on random loopback addresses and ports, 2^40
+//! possibilities, too many for a web page to search, so that the gate cannot be bypassed.
 
 use std::collections::BTreeSet;
 use std::io;
@@ -23,14 +23,14 @@ use tokio::time::timeout;
 use super::advertisements::Advertisements;
 use super::page::Page;
 
-/// Time that a client may take for its request.
+/// Longest time from connection to complete request.
 const HANDSHAKE: Duration = Duration::from_secs(5);
 /// Largest request \[bytes\].
 const LARGEST_REQUEST: usize = 16 << 10;
-/// Connections at a time.
+/// Maximum number of simultaneous connections.
 const CONNECTIONS: usize = 64;
 
-/// Web pages that may connect: those on this computer, and configured ones.
+/// Origins of web pages that may connect: those on this computer, and configured ones.
 #[derive(Debug, Clone)]
 pub struct Origins(Vec<String>);
 
@@ -59,10 +59,10 @@ fn is_local(origin: &str) -> bool {
     ["localhost", "127.0.0.1", "[::1]"].contains(&host)
 }
 
-/// An address for the server behind the gate.
+/// A random loopback address for a server behind the gate.
 pub fn hidden_address() -> SocketAddr {
     let [a, b, c]: [u8; 3] = rand::random();
-    // Neither the network's address nor its broadcast address.
+    // Neither the network address nor the broadcast address.
     SocketAddr::from((Ipv4Addr::new(127, a, b, c.clamp(1, 254)), 0))
 }
 
@@ -76,25 +76,25 @@ pub fn listen(address: SocketAddr) -> io::Result<std::net::TcpListener> {
     Ok(listener)
 }
 
-/// Where the gate passes connections to.
+/// Destinations of the gate.
 pub struct Routes {
-    /// The server of clients that watch.
+    /// The server for clients that only watch.
     pub watchers: SocketAddr,
-    /// The server of clients that may operate, if there is one.
+    /// The server for clients that may operate, if there is one.
     pub operators: Option<Entry>,
-    /// Web pages that may connect.
+    /// Origins of web pages that may connect.
     pub origins: Origins,
-    /// What is being advertised to clients of both servers.
+    /// Advertisements in progress on both servers.
     pub advertisements: Advertisements,
 }
 
-/// The server for operators.
+/// Access for operators.
 pub struct Entry {
-    /// Their server.
+    /// Address of their server.
     pub server: SocketAddr,
     /// The access token.
     pub token: String,
-    /// The page that they open.
+    /// The cockpit's page.
     pub page: Page,
 }
 
@@ -108,13 +108,13 @@ impl Routes {
     }
 }
 
-/// Compares secrets in a time that does not depend on where they differ.
+/// Compares secrets in constant time.
 fn is_same(a: &str, b: &str) -> bool {
     let differ = a.bytes().zip(b.bytes()).fold(0, |d, (a, b)| d | (a ^ b));
     a.len() == b.len() && differ == 0
 }
 
-/// Passes the connections that `listener` accepts on; ends with its runtime.
+/// Serves connections accepted by `listener` until its runtime ends.
 pub async fn pass(listener: std::net::TcpListener, routes: Routes) {
     match TcpListener::from_std(listener) {
         Ok(listener) => Gate::new(routes, HANDSHAKE).run(listener).await,
@@ -125,7 +125,7 @@ pub async fn pass(listener: std::net::TcpListener, routes: Routes) {
 struct Gate {
     routes: Routes,
     handshake: Duration,
-    /// Refused origins and wrong tokens, each reported once.
+    /// Refused origins and invalid tokens, each reported once.
     reported: Mutex<BTreeSet<String>>,
 }
 
@@ -142,11 +142,11 @@ impl Gate {
         let places = Arc::new(Semaphore::new(CONNECTIONS));
         loop {
             let Ok((client, _)) = listener.accept().await else {
-                // No descriptor is left, for example.
+                // For example, there is no free file descriptor.
                 tokio::time::sleep(Duration::from_millis(100)).await;
                 continue;
             };
-            // Without a place the connection is closed.
+            // Above the maximum number of connections, the connection is closed.
             if let Ok(place) = Arc::clone(&places).try_acquire_owned() {
                 let gate = Arc::clone(&self);
                 tokio::spawn(async move {
@@ -185,7 +185,7 @@ impl Gate {
         self.copy(&mut client, &mut server).await
     }
 
-    /// Passes bytes in both directions until both ends have closed theirs, or one fails.
+    /// Copies bytes in both directions until both ends have closed the connection, or one fails.
     async fn copy(&self, client: &mut TcpStream, server: &mut TcpStream) -> io::Result<()> {
         let (mut from_client, mut to_client) = client.split();
         let (mut from_server, mut to_server) = server.split();
@@ -219,7 +219,7 @@ impl Gate {
 
     /// Whether something has not been reported yet.
     fn is_new(&self, what: &str) -> bool {
-        /// More are not worth the memory.
+        /// Maximum number of stored reports.
         const REPORTS: usize = 100;
         let mut reported = (self.reported.lock()).unwrap_or_else(PoisonError::into_inner);
         reported.len() < REPORTS && reported.insert(what.to_owned())

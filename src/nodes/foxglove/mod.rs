@@ -44,16 +44,16 @@ pub use page::Page;
 use parameters::Parameters;
 use server::{Operation, Server};
 
-/// Most nodes whose parameters and services are offered.
+/// Maximum number of nodes whose parameters and services are offered.
 const MOST_NODES: usize = 256;
 
-/// Interval between searches for new topics.
+/// Period of the search for new topics.
 const LOOK: Duration = Duration::from_millis(200);
 
 /// Prefix of the annotation topics; a viewer draws the last message of each.
 const ANNOTATIONS: &str = "camera/annotations";
 
-/// Name of the grey background image below that prefix: a viewer needs an image to draw on where the camera renders none.
+/// Name of the background image below that prefix: a viewer needs an image to draw on if the camera renders none.
 const BACKGROUND: &str = "background";
 
 /// The operator's page and its access token.
@@ -65,7 +65,7 @@ pub struct Cockpit {
 }
 
 impl Cockpit {
-    /// The page, with a new secret of 128 bits.
+    /// A cockpit with a new random token of 128 bits.
     pub fn new(page: Page) -> Self {
         Self {
             page,
@@ -74,8 +74,8 @@ impl Cockpit {
     }
 }
 
-/// The node's program: serves the graph on `address`. `started` gets the address and, with a cockpit, the page's address with
-/// its token, which must not be logged: the log is a topic.
+/// The node's program: serves the graph on `address`. `started` is called with the server's address, and with a cockpit
+/// also with the page's address including the token, which must not be logged: the log is a topic.
 ///
 /// # Errors
 /// When the address cannot be bound, or DDS fails.
@@ -126,7 +126,7 @@ pub fn program(
     })?;
     tracing::info!("Foxglove: open ws://{}", server.address());
     if let Some(token) = &token {
-        // Not in the request of the page, where a proxy would log it.
+        // In the fragment, which is not sent in requests: a proxy would log it.
         started(&format!("http://{}/#token={token}", server.address()));
         let name = format!("{}/control", node.name().full());
         let service = services::control(&name, &control, &topics);
@@ -142,7 +142,7 @@ pub fn program(
     });
     let mut subscriptions: BTreeMap<String, Option<RawSubscription>> = BTreeMap::new();
     let status = node.diagnostics().status("foxglove");
-    // What operators see besides topics; without a cockpit there are none.
+    // Known nodes, whose parameters and services operators see; `None` without a cockpit.
     let mut nodes = token.as_ref().map(|_| BTreeSet::new());
     let _events = match &nodes {
         Some(_) => Some(watch_parameters(node, &server)?),
@@ -252,7 +252,7 @@ struct Sink {
     definition: String,
     /// Whether later subscribers also receive the last message.
     latched: bool,
-    /// Advertised with the first message; `None` if that failed.
+    /// Created with the first message; `None` if advertising failed.
     channel: OnceLock<Option<Arc<RawChannel>>>,
 }
 
@@ -312,7 +312,7 @@ fn nanos(time: Time) -> u64 {
     u64::try_from(time.as_nanos()).unwrap_or(0)
 }
 
-/// The annotations of the image of the node's camera.
+/// Annotations for the images of the node's camera.
 struct Camera {
     /// Channels by annotation name.
     channels: Mutex<BTreeMap<&'static str, Channel<ImageAnnotations>>>,
@@ -324,7 +324,7 @@ struct Camera {
 }
 
 impl Camera {
-    /// Publishes an annotation if the message contains one.
+    /// Publishes the annotation that a message gives, if any.
     fn see(&self, topic: &str, sample: &RawSample, time: u64) {
         let mut overlay = self.overlay.lock().unwrap_or_else(PoisonError::into_inner);
         if topic == topics::TF_STATIC.name {
@@ -366,7 +366,7 @@ impl Camera {
         }
     }
 
-    /// The topic of an annotation.
+    /// The topic of the annotation called `name`.
     fn below(&self, name: &str) -> String {
         format!("{}/{name}", self.topic)
     }

@@ -6,22 +6,22 @@ use crate::{input_file, nodes::resource};
 
 /// Largest file of the page \[bytes\].
 const LARGEST: u64 = 16 << 20;
-/// Files that are read at most.
+/// Maximum number of files.
 const MOST_FILES: usize = 256;
 
-/// What a page may do in a browser: nothing but use its own files and its own server. Styles are those that the plotting library
-/// sets on its elements.
+/// Content security policy of the page: it may use only its own files and its own server; inline styles are allowed for
+/// the plotting library.
 const POLICY: &str = "default-src 'self'; connect-src 'self' blob:; img-src 'self' blob: data:; \
                       style-src 'self' 'unsafe-inline'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
-/// The files, in memory, so that a request can name no other file.
+/// The files in memory, so that requests cannot access other files.
 pub struct Page(BTreeMap<String, (&'static str, Vec<u8>)>);
 
 impl Page {
-    /// Reads the page from where `just cockpit` builds it.
+    /// Reads the page from the folder in which `just cockpit` builds it.
     ///
     /// # Errors
-    /// A line that says what is missing: the page, or Node.js to build it with.
+    /// A line that says whether the page or Node.js is missing.
     pub fn read() -> Result<Self, String> {
         let index = resource::resolve("package://fuyu/cockpit/dist/index.html").map_err(|_| {
             let npm = Command::new("npm").arg("--version").output();
@@ -38,7 +38,7 @@ impl Page {
     /// The files in `folder` and below.
     ///
     /// # Errors
-    /// Which file cannot be read.
+    /// A line that names the file that cannot be read.
     pub fn of(folder: &Path) -> Result<Self, String> {
         let mut files = BTreeMap::new();
         let mut folders = vec![folder.to_owned()];
@@ -69,7 +69,7 @@ impl Page {
         Ok(Self(files))
     }
 
-    /// The answer to a request without a body.
+    /// The HTTP response to a request without a body.
     pub fn answer(&self, method: &str, target: &str) -> Vec<u8> {
         let path = target.split(['?', '#']).next().unwrap_or("/");
         let path = if path == "/" { "/index.html" } else { path };

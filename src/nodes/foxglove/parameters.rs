@@ -1,5 +1,5 @@
-//! Parameters of all nodes for the operator's client, by the services that every ROS node has. A parameter's name is that of
-//! its node, a dot and its own, as in foxglove_bridge: `/teleop.method`.
+//! Parameters of all nodes for the operator's client, accessed by the parameter services of ROS nodes. As in
+//! foxglove_bridge, a parameter is named by its node, a dot and its own name: `/teleop.method`.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -24,7 +24,7 @@ use crate::{
     ros::{Node, NodeError, ServiceClient},
 };
 
-/// How long a node may take for an answer.
+/// Timeout of a service call.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// The parameters of the graph's nodes.
@@ -62,7 +62,7 @@ impl Clients {
 }
 
 impl Parameters {
-    /// Of no node yet.
+    /// Without nodes.
     pub fn new(node: &Node, control: Arc<Mutex<Control<ClientId>>>) -> Self {
         Self(Arc::new(Shared {
             node: node.clone(),
@@ -78,7 +78,7 @@ impl Parameters {
         nodes.insert(name.to_owned());
     }
 
-    /// For the server.
+    /// The handler for the server.
     pub fn handler(&self) -> Arc<dyn ParameterHandler> {
         Arc::new(Self(Arc::clone(&self.0)))
     }
@@ -100,7 +100,7 @@ impl Shared {
         Ok(new)
     }
 
-    /// The parameters called `names`, or all if there are no names, and errors.
+    /// The parameters in `names`, or all parameters if `names` is empty; and errors.
     fn get(&self, names: &[String]) -> (Vec<Shown>, Vec<String>) {
         let (mut shown, mut problems) = (Vec::new(), Vec::new());
         for (node, names) in self.by_node(names, &mut problems) {
@@ -112,7 +112,7 @@ impl Shared {
         (shown, problems)
     }
 
-    /// Names of parameters by node; without a name those of all nodes, each with `None`.
+    /// The names grouped by node; without names, all nodes, each with `None`.
     fn by_node(
         &self,
         names: &[String],
@@ -155,7 +155,7 @@ impl Shared {
             .collect())
     }
 
-    /// Sets parameters; returns their new values, and errors.
+    /// Sets parameters. Returns their new values, and errors.
     fn set(&self, wishes: &[Shown]) -> (Vec<Shown>, Vec<String>) {
         let names: Vec<_> = wishes.iter().map(|p| p.name.clone()).collect();
         let mut problems = Vec::new();
@@ -269,7 +269,7 @@ pub fn changed(event: ParameterEvent) -> Vec<Shown> {
     shown.flatten().collect()
 }
 
-/// A value with its type; `None` if it is not set.
+/// A value with its type; `None` if the parameter is not set.
 fn show(node: &str, name: &str, value: rcl_interfaces::ParameterValue) -> Option<Shown> {
     let name = format!("{node}.{name}");
     let list = |values: Vec<ShownValue>| Shown {
@@ -304,8 +304,8 @@ fn show(node: &str, name: &str, value: rcl_interfaces::ParameterValue) -> Option
     })
 }
 
-/// A client's value as one of the parameter's type; `None` if it is of another type. Whole numbers may be of either type: JSON
-/// does not distinguish them.
+/// A client's value converted to the type `kind` of the parameter; `None` if it does not fit. Whole numbers fit both
+/// integers and floats, which JSON does not distinguish.
 fn message(value: &ShownValue, kind: u8) -> Option<rcl_interfaces::ParameterValue> {
     let mut message = rcl_interfaces::ParameterValue {
         r#type: kind,
@@ -386,7 +386,7 @@ mod tests {
         let list = ShownValue::Array(vec![ShownValue::Integer(1), ShownValue::Float64(0.5)]);
         let list = message(&list, ParameterType::PARAMETER_DOUBLE_ARRAY).unwrap();
         assert_eq!(list.double_array_value, [1.0, 0.5]);
-        // What is shown can be set as it is.
+        // Every value that is shown can be set unchanged.
         for kind in [2, 3, 7, 8] {
             let value = rcl_interfaces::ParameterValue {
                 r#type: kind,

@@ -1,8 +1,8 @@
-//! The WebSocket server of Foxglove's SDK with additions: late subscribers of latched topics (`robot_description`) receive
-//! the last message immediately, a gate refuses foreign web pages, clients that know the access token may operate, and
-//! all its threads end with it.
+//! The WebSocket server of Foxglove's SDK with additions: late subscribers of latched topics (`robot_description`)
+//! receive the last message immediately, a gate refuses foreign web pages, clients that know the access token may
+//! operate, and dropping the server ends all its threads.
 //!
-//! Clients that may operate have a server of their own, since the SDK's listener does not get a client's request. Both
+//! Clients that may operate have a separate server, since the SDK's listener cannot see a client's request. Both
 //! servers offer the same topics.
 
 use std::collections::HashMap;
@@ -35,29 +35,29 @@ pub struct Server {
     latched: Arc<Latched>,
     /// Meshes that clients may fetch.
     pub assets: Arc<Assets>,
-    /// Those who watch and those who may operate, if any; empty only during drop.
+    /// The SDK's server for watchers, and the one for operators if there is one; empty only during drop.
     handles: Vec<WebSocketServerHandle>,
-    /// Its runtime; declared last, so that dropping it ends its thread last.
+    /// Its runtime; declared last, so that its thread ends last.
     runtime: Runtime,
 }
 
-/// How long clients may take to close their connections when the server stops: one behind a stalled network never does.
+/// Time for clients to close their connections when the server stops: a client behind a stalled network never does.
 const FAREWELL: Duration = Duration::from_secs(1);
 
-/// Rights of clients that know the access token.
+/// Access of clients that know the token.
 pub struct Operation {
-    /// The secret.
+    /// The access token.
     pub token: String,
-    /// The page that they open.
+    /// The cockpit's page.
     pub page: Page,
-    /// Topics that they publish.
+    /// Topics on which they may publish.
     pub topics: Arc<ClientTopics>,
-    /// Parameters that they read and set.
+    /// Parameters that they may read and set.
     pub parameters: Arc<dyn ParameterHandler>,
 }
 
 impl Server {
-    /// Listens on `address`; web pages may connect if `origins` allows them. Without an `operation` clients only watch.
+    /// Listens on `address`; web pages from `origins` may connect. Without `operation`, clients only watch.
     ///
     /// # Errors
     /// If the address cannot be bound, or the thread cannot be created.
@@ -147,10 +147,10 @@ impl Server {
         self.handles.iter().map(|h| h.client_count()).sum()
     }
 
-    /// Offers services to those who may operate.
+    /// Offers services to clients that may operate.
     ///
     /// # Errors
-    /// When the SDK rejects one.
+    /// If the SDK rejects a service.
     pub fn serve(&self, services: Vec<Service>) -> Result<(), FoxgloveError> {
         match self.handles.get(1) {
             Some(operating) => operating.add_services(services),
@@ -158,7 +158,7 @@ impl Server {
         }
     }
 
-    /// Sends values of parameters to the clients that have asked for changes.
+    /// Sends parameter values to the clients that have subscribed to them.
     pub fn show_parameters(&self, parameters: Vec<Parameter>) {
         if let Some(operating) = self.handles.get(1) {
             operating.publish_parameter_values(parameters);
@@ -168,7 +168,7 @@ impl Server {
     /// Advertises a topic of CDR-encoded ROS 2 messages.
     ///
     /// # Errors
-    /// When the SDK rejects it.
+    /// If the SDK rejects the topic.
     pub fn advertise(
         &self,
         topic: &str,
@@ -182,13 +182,13 @@ impl Server {
         self.advertisements.during(|| channel.build_raw())
     }
 
-    /// Advertises a topic of one of Foxglove's types.
+    /// Advertises a topic of a Foxglove type.
     pub fn advertise_own<T: Encode>(&self, topic: &str) -> Channel<T> {
         let channel = ChannelBuilder::new(topic).context(&self.context);
         self.advertisements.during(|| channel.build())
     }
 
-    /// Keeps a message with its `time` \[ns\] for later subscribers.
+    /// Stores a message with its `time` \[ns\] for later subscribers of a latched topic.
     pub fn keep(&self, channel: &Arc<RawChannel>, time: u64, data: Bytes) {
         let channel = Arc::clone(channel);
         let kept = Kept {
@@ -252,7 +252,7 @@ impl ServerListener for Latched {
     }
 }
 
-/// Listens to those who may operate.
+/// Listener for clients that may operate.
 struct OperatorListener {
     latched: Arc<Latched>,
     topics: Arc<ClientTopics>,
@@ -332,7 +332,7 @@ mod tests {
                         client.send(wish.to_string().into()).unwrap();
                     }
                 }
-                // Refused as an unknown operation, after the answers to all that came before.
+                // The server refuses this unknown operation after answering all earlier requests.
                 client.send(r#"{"op": "none"}"#.into()).unwrap();
                 let last = client.read().unwrap().into_text().unwrap();
                 assert!(!last.contains("Unknown channel"), "{last}");

@@ -1,4 +1,4 @@
-//! Services that the operator's client may call: control of the simulation and of the recorder, and who has control.
+//! Services for the operator's client: control of the simulation and of the recorder, and taking control.
 
 use std::{
     sync::{Arc, Mutex, PoisonError},
@@ -28,15 +28,16 @@ use crate::{
     ros::{Node, NodeError},
 };
 
-/// How long a call may take; steps of a simulation take long.
+/// Timeout of a call; steps of a simulation may take long.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 type Shared = Arc<Mutex<Control<ClientId>>>;
 
-/// The services of the node with the full name `node`, by the last part of its name; none for most nodes.
+/// The services offered for the node with the full name `node`, chosen by the last part of the name; none for most
+/// nodes.
 ///
 /// # Errors
-/// When DDS refuses.
+/// When DDS reports an error.
 pub fn of_node(own: &Node, node: &str, control: &Shared) -> Result<Vec<Served>, NodeError> {
     let offer = Offer { own, node, control };
     match node.rsplit('/').next() {
@@ -72,12 +73,12 @@ struct Offer<'a> {
 }
 
 impl Offer<'_> {
-    /// A service that changes nothing.
+    /// A service that changes nothing: every client may call it.
     fn reading<S: Service>(&self, name: &str) -> Result<Served, NodeError> {
         self.service::<S>(name, None)
     }
 
-    /// A service that only the client that has control may call.
+    /// A service that only the client in control may call.
     fn changing<S: Service>(&self, name: &str) -> Result<Served, NodeError> {
         self.service::<S>(name, Some(Arc::clone(self.control)))
     }
@@ -105,8 +106,8 @@ impl Offer<'_> {
     }
 }
 
-/// The service by which a client takes control (`true`), keeps it, and releases it (`false`). The response says whether the
-/// client has control now.
+/// The service by which a client takes and keeps control (`true`), or releases it (`false`). The response says whether
+/// the client has control now.
 pub fn control(name: &str, control: &Shared, topics: &Arc<ClientTopics>) -> Served {
     let (control, topics) = (Arc::clone(control), Arc::clone(topics));
     let answer = move |request: Request| -> Result<Vec<u8>, String> {

@@ -1,4 +1,4 @@
-//! Wheels and thrusters of the robot, which take the momentum of robot and target.
+//! Wheels and thrusters of the robot, which absorb the momentum of robot and target.
 
 use crate::{
     control::{
@@ -10,17 +10,18 @@ use crate::{
     ros::Declare,
 };
 
-/// Time constant with which momenta of more than three wheels would be equalised \[s\]; a mission does not equalise them.
+/// Time constant for equalising the momenta of more than three wheels \[s\]; not used, since a mission does not
+/// equalise.
 const EQUALIZATION: f64 = 100.0;
 
 /// Wheels and thrusters that a mission uses.
 #[derive(Debug, Clone)]
 pub struct Actuators {
-    /// The robot's wheels and thrusters, and its other parts.
+    /// Parameters of the robot's wheels and thrusters, and of its other flexible parts.
     parts: FlexibleParams,
     uses_wheels: bool,
     uses_thrusters: bool,
-    /// Period of the thrusters' pulses \[s\].
+    /// Pulse period of the thrusters \[s\].
     period: f64,
 }
 
@@ -28,7 +29,7 @@ impl Actuators {
     /// Declares the parameters and reads them.
     ///
     /// # Errors
-    /// A line that names a parameter with its value, and what would be right.
+    /// A line that names a parameter, its value, and the allowed values.
     pub fn declare(declare: &mut Declare) -> Result<Self, String> {
         let mut flag = |name: &str, text: &str| {
             let parameter = declare.param(name, true, text);
@@ -78,10 +79,10 @@ impl Actuators {
         self.thrusters().next().is_some()
     }
 
-    /// The mission with the wheels and thrusters of its robot that are in use.
+    /// Adds the wheels and thrusters in use to a mission.
     ///
     /// # Errors
-    /// A line that names the parameter, and what would be right.
+    /// A line that names the parameter and the allowed values.
     pub fn fit(&self, mission: CaptureMission, robot: &Model) -> Result<CaptureMission, String> {
         let mut mission = mission;
         if mission.config().detumble.couple == 0.0 && !self.has_wheels() {

@@ -1,4 +1,4 @@
-//! What closes and opens the grasp: the dynamics node's services, or the action of a gripper.
+//! Grippers that close and open the grasp: services of the dynamics node, or the action of a gripper with fingers.
 
 use super::params::{Fingers, Grip};
 use crate::{
@@ -14,15 +14,15 @@ use crate::{
     ros::{ActionClient, Node, NodeError, PendingCall, PendingGoal, ServiceClient},
 };
 
-/// Time after which a command that has not been carried out is sent again \[s\].
+/// Time after which an unconfirmed command is sent again \[s\].
 const RETRY_PERIOD: f64 = 1.0;
 
-/// Most calls without an answer that are waited for; one beyond them takes the place of the oldest.
+/// Maximum number of unanswered calls; another call replaces the oldest one.
 const MOST_CALLS: usize = 8;
 
-/// Follows the mission's commands to the gripper.
+/// Executes the mission's gripper commands.
 pub(super) enum GripperDriver {
-    /// A latch that works by itself.
+    /// A latch that closes automatically; commands are not needed.
     Automatic,
     /// The services `attach` and `detach`.
     Services(GripperServices),
@@ -43,7 +43,8 @@ impl GripperDriver {
         })
     }
 
-    /// Does what is `wanted`, once. Returns whether the gripper holds, if that is known. `joints` are those at `time` \[s\].
+    /// Executes the command `wanted`, once. Returns whether the gripper holds, if known. `joints` is the joint state at
+    /// `time` \[s\].
     pub fn follow(&mut self, wanted: Gripper, time: f64, joints: &JointState) -> Option<bool> {
         match self {
             Self::Automatic => None,
@@ -53,7 +54,7 @@ impl GripperDriver {
     }
 }
 
-/// A command on its way, and when it was sent \[s\].
+/// A command sent but not confirmed, and the time of sending \[s\].
 struct Sent<T> {
     pending: T,
     time: f64,
@@ -65,13 +66,13 @@ impl<T> Sent<T> {
     }
 }
 
-/// The gripper behind the services `attach` and `detach` of the dynamics node.
+/// Client of the services `attach` and `detach` of the dynamics node.
 pub(super) struct GripperServices {
     attach: ServiceClient<Trigger>,
     detach: ServiceClient<Trigger>,
     wanted: Gripper,
-    /// The calls for what is wanted that have not been answered; `None` if one has decided. A call may take effect although
-    /// its answer is late, so that a second one fails.
+    /// Unanswered calls for the wanted state; `None` after the outcome is known. All are kept, since an early call may
+    /// take effect although its response is late, and a repeated call then fails.
     sent: Option<Sent<Vec<PendingCall<Trigger>>>>,
     holds: Option<bool>,
 }
@@ -135,14 +136,14 @@ impl GripperServices {
     }
 }
 
-/// A gripper with fingers: goals of its action close and open it, and the motion of its joint shows whether it holds.
+/// A gripper with fingers: goals of its action close and open it; the motion of its joint shows whether it holds.
 pub(super) struct FingerGripper {
     action: ActionClient<GripperCommand>,
     fingers: Fingers,
     watch: GripWatch,
     wanted: Gripper,
-    /// `None` if the goal has been accepted. Its result is not awaited: the joint shows when the fingers stall, and when they
-    /// slip later.
+    /// Unconfirmed goal; `None` after it was accepted. The result of the goal is not awaited: the joint's motion shows
+    /// when the fingers stall, and when they slip later.
     sent: Option<Sent<Option<PendingGoal<GripperCommand>>>>,
 }
 

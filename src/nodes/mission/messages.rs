@@ -1,4 +1,4 @@
-//! Conversion of messages to the mission's inputs, and of its commands to messages.
+//! Conversion between ROS messages and the mission's inputs and commands.
 
 use crate::{
     control::capture::{CaptureMission, Phase, RotationForecast},
@@ -17,10 +17,10 @@ use crate::{
 };
 use nalgebra::Vector3;
 
-/// The forecast that a message of `estimator/prediction` contains.
+/// The forecast of the target's rotation in a message of `estimator/prediction`.
 ///
 /// # Errors
-/// A line that says what is wrong.
+/// A line that says what is invalid.
 pub fn forecast(path: &Path) -> Result<RotationForecast, String> {
     let time = |k: usize| Time::from(&path.poses[k].header.stamp).as_secs_f64();
     if path.poses.len() < 3 {
@@ -73,7 +73,7 @@ pub fn on_times<'a>(
     }
 }
 
-/// A couple on the base as a message; `header` names the base.
+/// A couple on the base as a message; the frame of `header` is the base.
 pub fn couple(header: Header, couple: &Vector3<f64>) -> WrenchStamped {
     WrenchStamped {
         header,
@@ -121,11 +121,12 @@ pub fn state(mission: &CaptureMission, header: Header) -> MissionState {
     state
 }
 
-/// Decides when the state is published: every 0.2 s, when a phase begins, and when the mission is held or resumed.
+/// Decides when the mission's state is published: every 0.2 s, when a phase begins, and when the mission is held or
+/// resumed.
 #[derive(Debug, Default)]
 pub struct StateTimer {
     next: f64,
-    /// Phases so far, and whether the mission is held, when it was published last.
+    /// Number of phases so far, and whether the mission was held, as last published.
     published: (usize, bool),
 }
 
@@ -133,7 +134,7 @@ pub struct StateTimer {
 pub const STATE_PERIOD: f64 = 0.2;
 
 impl StateTimer {
-    /// Whether the state at `time` \[s\] is to be published.
+    /// Whether the state at `time` \[s\] must be published.
     pub fn is_due(&mut self, mission: &CaptureMission, time: f64) -> bool {
         let present = (mission.reports().len(), mission.is_paused());
         let is_due = present != self.published || time >= self.next - 1e-9;
@@ -144,7 +145,7 @@ impl StateTimer {
     }
 }
 
-/// How a mission ended.
+/// The result of a finished mission.
 pub fn outcome(mission: &CaptureMission) -> Outcome {
     let reports = mission.reports();
     let (last, phases) = match reports.split_last() {

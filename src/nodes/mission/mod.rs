@@ -1,13 +1,14 @@
 //! The mission node: captures a target that the estimator observes.
 //!
-//! The node feeds a [`CaptureMission`] with joint states, gyro, measured poses of the grasp frame and the estimator's
-//! prediction. It answers every state with joint efforts. While it detumbles, wheels of the robot take momentum by
-//! torques on `wheel_commands`, and the external couple is given by its thrusters (`thruster_commands`) or, without
-//! thrusters, published on `wrench`: it then stands for ideal ones. It subscribes to nothing under `ground_truth/`.
+//! The node feeds a [`CaptureMission`] with joint states, gyro rates, measured poses of the grasp frame and the
+//! estimator's prediction. It answers every state with joint efforts. While it detumbles, the robot's wheels absorb
+//! momentum by torques on `wheel_commands`. The external couple is produced by its thrusters (`thruster_commands`);
+//! without thrusters it is published on `wrench`, as from ideal thrusters. The node does not subscribe to
+//! `ground_truth/`.
 //!
-//! A mission begins by the action `capture`, or by itself with `autostart`. If a mission that began by itself is aborted, but
-//! not by an operator, the process exits with 1. The services `~/hold`, `~/resume`, `~/skip` and `~/abort`
-//! (`std_srvs/Trigger`) are for the operator.
+//! A mission begins with the action `capture`, or automatically with `autostart`. If a mission with `autostart` is
+//! aborted, except by an operator, the process exits with status 1. The operator's services are `~/hold`, `~/resume`,
+//! `~/skip` and `~/abort` (`std_srvs/Trigger`).
 
 mod actuators;
 mod gripper;
@@ -50,17 +51,17 @@ use crate::{
 use gripper::GripperDriver;
 use operator_services::Operator;
 
-/// Longest wait before goals and calls are looked at.
+/// Longest wait for a message before goals and service calls are checked.
 const PATIENCE: Duration = Duration::from_millis(100);
-/// Without a state for so long, a goal that is cancelled ends at once.
+/// Time without an answered state after which cancelling a goal ends it at once.
 const SILENCE: Duration = Duration::from_secs(1);
-/// Queue length for inputs of which none may be lost.
+/// Queue length for inputs that must not be lost.
 const QUEUE: usize = 100;
 
 /// The node's program.
 ///
 /// # Errors
-/// For wrong parameters, or when DDS refuses.
+/// For invalid parameters, or when DDS reports an error.
 pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let params = MissionParams::declare(&mut declare);
@@ -72,7 +73,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let Some(robot) = description.wait(node) else {
         return Ok(());
     };
-    // Refuses settings that do not fit the robot at once.
+    // Refuses at once settings that do not fit the robot.
     work.params.mission(&robot.model).map_err(input)?;
     work.robot = Some(robot);
     while node.wait_for(PATIENCE) {
@@ -94,10 +95,10 @@ struct Work {
     imu: Subscription<Imu>,
     grasp_poses: Subscription<PoseStamped>,
     predictions: Subscription<Path>,
-    /// If wheels are in use.
+    /// `None` unless wheels are in use.
     wheel_states: Option<Subscription<JointState>>,
     wheel_commands: Option<Publisher<JointState>>,
-    /// If thrusters are in use.
+    /// `None` unless thrusters are in use.
     thruster_commands: Option<Publisher<ThrusterCommands>>,
     commands: Publisher<JointState>,
     wrench: Publisher<WrenchStamped>,
@@ -107,17 +108,17 @@ struct Work {
     gripper: GripperDriver,
     status: Status,
     states: StampPairs<Time, JointState, Imu>,
-    /// States with the wheels', which arrive on a topic of their own.
+    /// States paired with wheel states, which arrive on a separate topic.
     states_with_wheels: StampPairs<Time, (JointState, Imu), JointState>,
     robot: Option<Robot>,
     mission: Option<CaptureMission>,
     goal: Option<Goal<Capture>>,
-    /// Whether the mission that begins by itself has begun.
+    /// Whether the mission with `autostart` has begun.
     has_begun: bool,
     pushes: bool,
     timer: StateTimer,
     reported: usize,
-    /// When a state was answered last.
+    /// Instant at which the last state was answered.
     answered: Instant,
 }
 
@@ -160,7 +161,7 @@ impl Work {
         })
     }
 
-    /// Accepts a goal if none is being executed. The goal follows the present mission, or begins a mission.
+    /// Accepts a goal if none is active. The goal follows the running mission, or begins a new one.
     fn take_goals(&mut self) {
         while let Some(request) = self.action.take_request() {
             if self.goal.is_some() || self.robot.is_none() {
@@ -178,10 +179,10 @@ impl Work {
             return;
         }
         if let Some(mission) = &mut self.mission {
-            // One that is over ends its goal below.
+            // If the mission is over already, its goal ends below.
             let _ = mission.abort("cancelled by the client");
         }
-        // Without states, no step of the mission would end the goal.
+        // Without states, no mission step would end the goal.
         if self.answered.elapsed() > SILENCE
             && let Some(goal) = self.goal.take()
         {
@@ -202,7 +203,7 @@ impl Work {
         }
     }
 
-    /// Takes messages that have arrived, and answers the states.
+    /// Takes received messages, and answers states.
     fn turn(&mut self) {
         while let Some(received) = self.joint_states.take() {
             let stamp = Time::from(&received.message.header.stamp);
@@ -235,7 +236,7 @@ impl Work {
         }
     }
 
-    /// The next state of joints and base, and of the wheels if they are in use.
+    /// The next complete state of joints and base, and of the wheels if they are in use.
     fn next_state(&mut self) -> Option<(Time, JointState, Imu, Option<JointState>)> {
         let Some(wheel_states) = &self.wheel_states else {
             let (stamp, joints, imu) = self.states.pop()?;
@@ -281,7 +282,7 @@ impl Work {
         }
     }
 
-    /// Answers a state.
+    /// Advances the mission by a state, and publishes its commands.
     fn answer(
         &mut self,
         stamp: Time,
@@ -321,7 +322,7 @@ impl Work {
             stamp: stamp.into(),
             frame_id: model.frames()[0].name.clone(),
         };
-        // Thrusters give it, if there are some in use.
+        // Thrusters produce the couple if they are in use.
         let pushes = command.couple.norm() > 0.0 && self.thruster_commands.is_none();
         let couple =
             (pushes || self.pushes).then(|| messages::couple(header.clone(), &command.couple));
@@ -334,7 +335,7 @@ impl Work {
         let wanted = command.gripper;
         self.pushes = pushes;
         publish_together(|| {
-            // The base first: efforts let time go on in lockstep.
+            // Efforts come last: in lockstep they let time advance.
             if let Some(couple) = &couple {
                 self.wrench.publish(couple);
             }
@@ -366,7 +367,7 @@ impl Work {
         Ok(())
     }
 
-    /// Fails if the mission that began by itself was aborted by rule.
+    /// An error if a mission with `autostart` was aborted, except on request.
     fn verdict(&self) -> Result<(), NodeError> {
         let mission = self.mission.as_ref().filter(|_| self.params.autostart);
         let mission = mission.filter(|mission| !mission.is_aborted_on_request());
@@ -378,7 +379,7 @@ impl Work {
         }
     }
 
-    /// Logs phases that have ended, and ends the goal with the mission.
+    /// Logs finished phases, and ends the goal when the mission is over.
     fn report(&mut self) {
         let Some(mission) = &self.mission else {
             return;

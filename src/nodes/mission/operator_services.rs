@@ -1,4 +1,4 @@
-//! Services for the operator of a mission: hold, resume, skip, abort.
+//! Services for the operator of a mission: `hold`, `resume`, `skip` and `abort`.
 
 use crate::{
     control::capture::{CaptureMission, MissionError},
@@ -6,7 +6,7 @@ use crate::{
     ros::{Calls, Node, NodeError},
 };
 
-/// Request of an operator.
+/// An operator's request.
 #[derive(Clone, Copy)]
 enum Wish {
     Hold,
@@ -21,10 +21,10 @@ pub(super) struct Operator {
 }
 
 impl Operator {
-    /// Offers the services.
+    /// Advertises the services.
     ///
     /// # Errors
-    /// When DDS refuses.
+    /// When DDS reports an error.
     pub fn new(node: &Node) -> Result<Self, NodeError> {
         let serve = |wish, name: &str| Ok::<_, NodeError>((wish, node.serve_calls(name)?));
         Ok(Self {
@@ -37,7 +37,7 @@ impl Operator {
         })
     }
 
-    /// Passes the calls that wait to the mission, and answers them.
+    /// Passes pending calls to the mission, and answers them.
     pub fn follow(&mut self, mut mission: Option<&mut CaptureMission>) {
         for (wish, calls) in &self.calls {
             while let Some(call) = calls.take() {
@@ -56,7 +56,7 @@ impl Operator {
     }
 }
 
-/// Executes a request; returns the phase.
+/// Executes a request. Returns the mission's phase.
 fn act(wish: Wish, mission: &mut CaptureMission) -> Result<String, MissionError> {
     match wish {
         Wish::Hold => mission.hold()?,

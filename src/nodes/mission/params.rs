@@ -25,9 +25,9 @@ use crate::{
 pub struct MissionParams {
     /// Link whose frame is the tip.
     pub tip_link: String,
-    /// Whether a mission begins by itself.
+    /// Whether a mission begins automatically.
     pub autostart: bool,
-    /// What closes and opens the grasp.
+    /// How the grasp is closed and opened.
     pub grip: Grip,
     /// Wheels and thrusters.
     pub actuators: Actuators,
@@ -35,10 +35,10 @@ pub struct MissionParams {
     pub config: CaptureConfig,
 }
 
-/// What closes and opens a grasp.
+/// How the grasp is closed and opened.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Grip {
-    /// It latches by itself, and the arm pulls to find out whether it holds.
+    /// A latch that closes automatically; the arm pulls to find out whether it holds.
     Automatic,
     /// The services `attach` and `detach` of the dynamics node.
     Services,
@@ -46,25 +46,25 @@ pub enum Grip {
     Fingers(Fingers),
 }
 
-/// A gripper with fingers, by its action and its joint.
+/// A gripper with fingers, described by its action and its joint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fingers {
     /// Name of the gripper: its action is `NAME/gripper_cmd`.
     pub name: String,
     /// The joint that moves the fingers.
     pub joint: String,
-    /// Its position when the gripper is open \[m or rad\].
+    /// Joint position when the gripper is open \[m or rad\].
     pub open: f64,
-    /// Its position when the gripper has closed on nothing \[m or rad\].
+    /// Joint position when the gripper has closed without an object \[m or rad\].
     pub closed: f64,
-    /// Largest effort with which it closes \[N or N m\]; 0 is the gripper's own.
+    /// Largest effort with which it closes \[N or N m\]; 0 for the gripper's own limit.
     pub effort: f64,
-    /// How long its fingers must have stood still until it presses with that effort, and holds \[s\].
+    /// How long the fingers must be at rest until the gripper presses with that effort, and counts as holding \[s\].
     pub press_time: f64,
 }
 
 impl Fingers {
-    /// Declares the gripper; `None` if it has no name.
+    /// Declares and reads the parameters of the gripper; `None` if it has no name.
     fn declare(declare: &mut Declare) -> Option<Self> {
         let mut text = |name: &str, text: &str| {
             let parameter = declare.param(name, String::new(), text);
@@ -113,7 +113,7 @@ impl Fingers {
         (!fingers.name.is_empty()).then_some(fingers)
     }
 
-    /// Position of the joint for a command \[m or rad\].
+    /// Joint position for a gripper command \[m or rad\].
     pub fn position(&self, command: Gripper) -> f64 {
         match command {
             Gripper::Open => self.open,
@@ -121,16 +121,16 @@ impl Fingers {
         }
     }
 
-    /// A watch of its joint.
+    /// A monitor of its joint, which detects whether the gripper holds.
     pub fn watch(&self) -> GripWatch {
         GripWatch::new(self.open, self.closed, self.press_time)
     }
 }
 
-/// Laws of the tip by name.
+/// Names of the tip's control laws; true for impedance control.
 const TIP_LAWS: [(&str, bool); 2] = [("impedance", true), ("transpose", false)];
 
-/// Declares the pose of a grasp frame in the measured frame, and reads it.
+/// Declares and reads the pose of a grasp frame in the measured frame.
 fn declare_grasp_frame(declare: &mut Declare, name: String) -> Result<Pose, String> {
     let position = declare_vector(
         declare,
@@ -149,7 +149,7 @@ fn declare_grasp_frame(declare: &mut Declare, name: String) -> Result<Pose, Stri
 }
 
 impl MissionParams {
-    /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
+    /// Declares and reads the parameters. The caller must call `declare.finish`.
     ///
     /// # Errors
     /// A line that names the parameter.
@@ -472,7 +472,7 @@ impl MissionParams {
             ),
         };
         let actuators = Actuators::declare(declare);
-        // After all declarations, so that no parameter is reported as unknown.
+        // Returned after all declarations, so that no parameter is reported as unknown.
         let grasps: Vec<_> = grasps?.into_iter().collect::<Result<_, String>>()?;
         let mut config = CaptureConfig {
             approach_axis: Vector3::from(axis?),
@@ -512,10 +512,10 @@ impl MissionParams {
         })
     }
 
-    /// The arm: the robot without the joint of the gripper, which is held open.
+    /// Model of the arm: the robot with the gripper's joint locked in the open position.
     ///
     /// # Errors
-    /// A line that names the parameter and the joints that there are.
+    /// A line that names the parameter and lists the known joints.
     pub fn arm(&self, robot: &Model) -> Result<Model, String> {
         let Grip::Fingers(fingers) = &self.grip else {
             return Ok(robot.clone());
@@ -534,7 +534,7 @@ impl MissionParams {
                 fingers.closed
             ));
         }
-        // A gripper that ends at its stroke's end before it is `closed` would seem to hold something.
+        // If the stroke ended before `closed`, an empty gripper would seem to hold an object.
         let limits = &robot.joints()[joint].limits;
         for (name, value) in [
             ("gripper_open", fingers.open),
@@ -554,10 +554,10 @@ impl MissionParams {
         Ok(robot.with_locked_joints(&q, &locked))
     }
 
-    /// A mission of a robot's arm.
+    /// A mission for the robot's arm.
     ///
     /// # Errors
-    /// A line that names the parameter, or the link that the robot lacks.
+    /// A line that names the parameter, or the missing link.
     pub fn mission(&self, robot: &Model) -> Result<CaptureMission, String> {
         let arm = self.arm(robot)?;
         let tip = tip_frame(&arm, &self.tip_link).map_err(|e| format!("parameter {e}"))?;

@@ -25,10 +25,10 @@ use crate::{
 };
 use pace::Pace;
 
-/// Node name, as that of `ros2 bag play`.
+/// Node name, the same as that of `ros2 bag play`.
 pub const NAME: &str = "rosbag2_player";
 
-/// How long the end waits for subscribers that are busy, all topics together.
+/// Total time at the end for busy subscribers to acknowledge the last messages.
 const LAST_ACKNOWLEDGEMENT: Duration = Duration::from_secs(5);
 
 /// Options of playback.
@@ -40,13 +40,13 @@ pub struct Player {
     pub rate: f64,
     /// Whether to repeat from the start at the end.
     pub repeat: bool,
-    /// Rate of `/clock` \[Hz\], published instead of the recorded one.
+    /// Rate of a generated `/clock` \[Hz\], which replaces the recorded one; `None` to play the recorded one.
     pub clock: Option<f64>,
-    /// Topics to play; empty: all.
+    /// Topics to play; empty for all.
     pub topics: Vec<String>,
-    /// Recorded time to skip at the beginning. Of latched topics the last message before it is played.
+    /// Recorded time to skip at the beginning. The last earlier message of each latched topic is played nevertheless.
     pub start_offset: Duration,
-    /// Time for subscribers to match before the first message.
+    /// Wait for subscribers before the first message.
     pub delay: Duration,
     /// Whether playback starts paused.
     pub start_paused: bool,
@@ -63,12 +63,12 @@ pub struct Played {
     pub topics: usize,
     /// Omitted topics, each with the reason.
     pub left_out: BTreeMap<String, String>,
-    /// Damage of the bag.
+    /// Damage found in the bag.
     pub damage: Vec<Damage>,
 }
 
 impl Player {
-    /// The node's program; at the end `played` contains the result.
+    /// The node's program. Afterwards `played` contains the result.
     ///
     /// # Errors
     /// When the bag does not contain the topics, or DDS fails.
@@ -131,7 +131,7 @@ impl Player {
 struct Stage<'a> {
     player: &'a Player,
     node: &'a Node,
-    /// By name in the bag; `None` for a topic that cannot be played.
+    /// Publishers by topic name in the bag; `None` for a topic that cannot be played.
     publishers: BTreeMap<String, Option<RawPublisher>>,
     played: &'a Mutex<Played>,
 }
@@ -208,7 +208,7 @@ impl Stage<'_> {
         Ok(())
     }
 
-    /// Ends the publishers when subscribers have the last messages.
+    /// Waits until subscribers have received the last messages, then drops the publishers.
     fn finish(self) {
         let publishers: Vec<_> = self.publishers.into_values().flatten().collect();
         let deadline = Instant::now() + LAST_ACKNOWLEDGEMENT;

@@ -14,7 +14,7 @@ use crate::{
     ros::{Node, Publisher},
 };
 
-/// Longest wait for the next message that is not worth a log message.
+/// Longest wait for the next message without a log message.
 const USUAL_WAIT: Duration = Duration::from_secs(10);
 
 /// Longest sleep between checks for stop and pause.
@@ -34,7 +34,7 @@ pub(super) struct Pace<'a> {
 }
 
 impl<'a> Pace<'a> {
-    /// Starts at recorded time `begin`.
+    /// Begins at the recorded time `begin`.
     pub fn new(
         node: &'a Node,
         begin: u64,
@@ -56,7 +56,7 @@ impl<'a> Pace<'a> {
         }
     }
 
-    /// Restarts at the recorded time `begin`.
+    /// Begins again at the recorded time `begin`.
     pub fn restart(&mut self) {
         self.origin = (Instant::now(), self.begin);
     }
@@ -126,7 +126,7 @@ impl<'a> Pace<'a> {
     }
 }
 
-/// The message about a gap of `nanos` in the bag, which takes `left` to play.
+/// The log message on a gap of `nanos` in the bag, which takes `left` to play.
 fn long_wait(nanos: u64, left: Duration) -> String {
     format!(
         "the next message in the bag is {:.0} s later: waiting for {:.0} s (--rate plays faster, --start-offset skips what is before)",

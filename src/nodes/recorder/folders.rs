@@ -1,4 +1,4 @@
-//! Folders in which peers may have bags written: any peer can call the service `record`, which creates folders.
+//! Folders for bags requested by other nodes: any node can call the service `record`, which creates folders.
 
 use std::path::{Component, Path, PathBuf, absolute};
 
@@ -7,15 +7,16 @@ use std::path::{Component, Path, PathBuf, absolute};
 pub struct RecordFolders(Vec<String>);
 
 impl RecordFolders {
-    /// These folders; relative ones are below the working directory.
+    /// Relative folders are relative to the working directory.
     pub fn new(folders: Vec<String>) -> Self {
         Self(folders)
     }
 
-    /// The folder that a peer names with `uri`, if it is below one of these folders, also after symbolic links.
+    /// The folder that a caller names with `uri`, if it is below an allowed folder, also after resolving symbolic
+    /// links.
     ///
     /// # Errors
-    /// A line with the allowed folders.
+    /// A line that lists the allowed folders.
     pub fn allow(&self, uri: &str) -> Result<PathBuf, String> {
         let path = PathBuf::from(uri.strip_prefix("file://").unwrap_or(uri));
         match self
@@ -40,7 +41,7 @@ fn is_below(path: &Path, folder: &Path) -> bool {
     if climbs || path == folder || !path.starts_with(&folder) {
         return false;
     }
-    // What exists of the path must not lead out by a symbolic link.
+    // The existing part of the path must not lead outside by a symbolic link.
     let existing = path.ancestors().find(|p| p.symlink_metadata().is_ok());
     match existing {
         Some(existing) if existing.starts_with(&folder) => {

@@ -11,12 +11,12 @@ pub struct Health {
     status: Status,
     /// Whether a write failure has been logged.
     failed: bool,
-    /// Whether it has been logged that writing waits for space.
+    /// Whether a wait for disk space has been logged.
     waiting: bool,
 }
 
 impl Health {
-    /// The part `bag` of the node's diagnostics.
+    /// The status `bag` of the node's diagnostics.
     pub fn new(node: &Node, session: &Arc<RecordingSession>) -> Self {
         Self {
             session: Arc::clone(session),
@@ -26,12 +26,12 @@ impl Health {
         }
     }
 
-    /// A new recording has begun.
+    /// Resets for a new recording.
     pub fn begin(&mut self) {
         self.failed = false;
     }
 
-    /// Reports the present state.
+    /// Reports the current state.
     pub fn report(&mut self) {
         let Some(handle) = self.session.handle() else {
             self.status.ok("no recording in progress");

@@ -19,10 +19,10 @@ use recording_session::RecordingSession;
 pub use selection::Selection;
 use subscriptions::TopicSubscriptions;
 
-/// Interval between searches for new topics.
+/// Period of the search for new topics.
 const DISCOVERY_INTERVAL: Duration = Duration::from_millis(200);
 
-/// `bags/PREFIX-TIME`, named as `ros2 bag record` names its folders.
+/// A new folder `bags/PREFIX-TIME`, named as by `ros2 bag record`.
 pub fn new_folder(prefix: &str) -> PathBuf {
     let time = chrono::Local::now().format("%Y_%m_%d-%H_%M_%S");
     PathBuf::from(format!("bags/{prefix}-{time}"))
@@ -31,7 +31,7 @@ pub fn new_folder(prefix: &str) -> PathBuf {
 /// The node's program.
 ///
 /// # Errors
-/// When the folder exists or cannot be written, for wrong parameters, or when DDS refuses.
+/// If the folder exists or cannot be written, for invalid parameters, or when DDS reports an error.
 pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let params = RecorderParams::declare(&mut declare);
@@ -58,7 +58,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut health = Health::new(node, &session);
     let mut recording = session.begun();
     while node.ok() {
-        // A new recording should contain latched messages.
+        // A new recording must contain latched messages: subscribe again.
         if session.begun() != recording {
             recording = session.begun();
             health.begin();
@@ -67,10 +67,10 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         }
         subscriptions.follow(&node.discovered_publishers());
         health.report();
-        // The receiving thread records the messages; nothing here is urgent.
+        // The receiving thread records the messages; nothing in this loop is urgent.
         std::thread::sleep(DISCOVERY_INTERVAL);
     }
-    // End the services first, so that none starts a recording that would stay open.
+    // End the services first, so that no call starts another recording, which would stay open.
     drop(services);
     subscriptions.close();
     session

@@ -1,4 +1,4 @@
-//! Parameters of the recorder node. Those that `ros2 bag record` also has carry the same name.
+//! Parameters of the recorder node. Those that `ros2 bag record` has, too, have the same names.
 
 use std::{path::PathBuf, time::Duration};
 
@@ -13,7 +13,7 @@ use crate::{
 /// Parameters of the recorder node.
 #[derive(Debug, Clone)]
 pub struct RecorderParams {
-    /// Output folder, which must not exist; `None`: a new folder in `bags/`.
+    /// Output folder, which must not exist; `None` for a new folder in `bags/`.
     pub bag: Option<PathBuf>,
     /// Topics to record.
     pub selection: Selection,
@@ -23,7 +23,7 @@ pub struct RecorderParams {
     pub queue: usize,
     /// Whether recording starts paused.
     pub start_paused: bool,
-    /// Where peers may have bags written.
+    /// Folders in which other nodes may request bags.
     pub folders: RecordFolders,
 }
 
@@ -135,7 +135,7 @@ fn expression(declare: &mut Declare, name: &str, description: &str) -> Option<Re
         })
         .read_only()
         .value();
-    // The declaration has rejected an invalid one.
+    // An invalid expression has been rejected by the declaration.
     compile(&text).ok().flatten()
 }
 
@@ -144,7 +144,7 @@ fn compile(text: &str) -> Result<Option<Regex>, String> {
         return Ok(None);
     }
     Regex::new(text).map(Some).map_err(|e| {
-        // The last line has the reason; those before it draw the position.
+        // The last line of the error has the reason; earlier lines mark the position.
         let text_of_error = e.to_string();
         let reason = text_of_error.lines().last().unwrap_or_default();
         let reason = reason.trim_start_matches("error: ");
@@ -211,7 +211,7 @@ fn declare_options(declare: &mut Declare) -> WriterOptions {
         .read_only()
         .value();
     WriterOptions {
-        // The declaration has rejected any other text.
+        // Any other text has been rejected by the declaration.
         compression: choice::find(&COMPRESSIONS, &compression).unwrap_or_default(),
         compression_level: u32::try_from(compression_level).unwrap_or_default(),
         chunk_size,

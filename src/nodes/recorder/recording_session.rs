@@ -22,7 +22,7 @@ pub struct RecordingSession {
     options: WriterOptions,
     queue: usize,
     times: Times,
-    /// Full name of `/clock` after remapping, if it has one.
+    /// Full name of `/clock` after remapping; `None` if that name is invalid.
     clock_topic: Option<String>,
     paused: AtomicBool,
     /// Number of recordings started so far.
@@ -45,7 +45,7 @@ impl RecordingSession {
         }
     }
 
-    /// Starts a recording in `folder`, or in a new folder in `bags/`.
+    /// Starts a recording in `folder`, or, without a folder, in a new folder in `bags/`.
     ///
     /// # Errors
     /// If a recording is in progress, or the folder cannot be created.
@@ -66,10 +66,10 @@ impl RecordingSession {
         Ok(())
     }
 
-    /// Stops the recording and logs its contents; `false` if there was none.
+    /// Stops the recording and logs its contents. Returns `false` if there was none.
     ///
     /// # Errors
-    /// The error that made writing fail, now or earlier.
+    /// The error that made writing fail, if any.
     pub fn end(&self) -> Result<bool, BagError> {
         let mut current = self.current.write().unwrap_or_else(PoisonError::into_inner);
         let Some(recorder) = current.take() else {
@@ -137,8 +137,8 @@ pub struct Sink {
     session: Arc<RecordingSession>,
     is_clock: bool,
     topic: bag::Topic,
-    /// Number of the recording and the topic's entry in its bag. Added with the first message, so that a bag lists no
-    /// topic without messages; `None` if the bag has a different type for the topic.
+    /// Number of the recording, and the topic's entry in its bag. Added with the first message, so that a bag does not
+    /// list topics without messages; `None` if the bag has another type for the topic.
     entry: Mutex<(u64, Option<Arc<RecorderTopic>>)>,
 }
 

@@ -1,4 +1,4 @@
-//! Selection of the topics to record.
+//! Selection of topics to record.
 
 use regex::Regex;
 
@@ -7,38 +7,39 @@ use crate::{
     ros::{Node, NodeError},
 };
 
-/// Infrastructure topics that are recorded only if named.
+/// Infrastructure topics that are recorded only if named explicitly.
 const LEFT_OUT: [&str; 2] = ["/parameter_events", "/rosout"];
 
-/// Selection of topics. Exclusion has priority; without any names, all topics are selected, or those of the recorder's
-/// robot if it is in a namespace.
+/// Selection of topics. Exclusion has priority. If nothing is named, all topics are selected; for a recorder in a
+/// namespace, those of its robot.
 #[derive(Debug, Clone, Default)]
 pub struct Selection {
-    /// All topics, in addition to those named.
+    /// Whether all topics are selected, in addition to those named.
     pub all: bool,
     /// Topics by name.
     pub topics: Vec<String>,
-    /// Topics whose full name this matches (in part).
+    /// Pattern of selected topics, matched anywhere in the full name.
     pub regex: Option<Regex>,
     /// Excluded topics by name.
     pub exclude_topics: Vec<String>,
-    /// Excluded topics whose full name this matches (in part).
+    /// Pattern of excluded topics, matched anywhere in the full name.
     pub exclude_regex: Option<Regex>,
-    /// Topics that a recorder in a namespace records if nothing is named; `None`: all topics.
+    /// The topics of its robot, which a recorder in a namespace records if nothing is named; `None` for all topics.
     pub own_robot: Option<OwnRobot>,
 }
 
 /// The topics of the recorder's robot.
 #[derive(Debug, Clone, Default)]
 pub struct OwnRobot {
-    /// Its namespace, with a slash at the end.
+    /// The robot's namespace, with a slash at the end.
     prefix: String,
-    /// Full names of fuyu's topics after remapping; some are outside of the namespace, such as `/clock`.
+    /// Full names of fuyu's topics after remapping; some are outside the namespace, such as `/clock`.
     known: Vec<String>,
 }
 
 impl OwnRobot {
-    /// The robot of a node; `None` for a node in the root namespace, whose robot is not separate from others.
+    /// The robot of `node`; `None` for a node in the root namespace, whose robot's topics cannot be distinguished from
+    /// others.
     fn of(node: &Node) -> Result<Option<Self>, NodeError> {
         let namespace = node.name().namespace();
         if namespace == "/" {

@@ -12,10 +12,10 @@ use crate::{
     ros::{Node, NodeError, ServiceServer},
 };
 
-/// Serves them until the returned value is dropped. Peers may have bags written in `folders` only.
+/// Serves until the returned value is dropped. Callers may request bags in `folders` only.
 ///
 /// # Errors
-/// When DDS fails.
+/// When DDS reports an error.
 pub fn serve(
     node: &Node,
     session: &Arc<RecordingSession>,

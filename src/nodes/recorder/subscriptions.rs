@@ -1,4 +1,4 @@
-//! The subscriptions of a recording: to fuyu's own topics, and to topics that appear, as long as they have publishers.
+//! Subscriptions of a recording: to fuyu's topics, and to discovered topics as long as they have publishers.
 
 use std::{
     collections::HashMap,
@@ -13,46 +13,46 @@ use crate::{
     ros::{DiscoveredPublisher, LocalTopicUse, Node, NodeError, Qos, RawSubscription},
 };
 
-/// How long a topic may be without a publisher before its subscription ends: time for samples that are still on their way.
+/// Time without a publisher after which a subscription ends, so that samples still on their way are received.
 const RELEASED_AFTER: Duration = Duration::from_secs(2);
 /// Time between two attempts to subscribe to a topic.
 const RETRY_AFTER: Duration = Duration::from_secs(10);
 
-/// The subscriptions of the recording in progress. Used by the node's program and by threads that create publishers.
+/// The subscriptions of the current recording, shared by the node's program and by threads that create publishers.
 pub struct TopicSubscriptions {
     node: Node,
     session: Arc<RecordingSession>,
     selection: Selection,
-    /// Topics of fuyu with the QoS that they offer: a subscriber may request less.
+    /// Topics of fuyu with their offered QoS; subscribers may request less.
     known: Vec<(String, Qos)>,
     topics: Mutex<Topics>,
 }
 
 #[derive(Default)]
 struct Topics {
-    /// Selected topics by full name.
+    /// State of each selected topic, by full name.
     all: HashMap<String, State>,
-    /// No subscription is added any more.
+    /// Whether no further subscriptions may be added.
     closed: bool,
 }
 
-/// State of a topic's subscription.
+/// State of a topic.
 enum State {
-    /// It is being created, by one of the threads.
+    /// A thread is creating the subscription.
     Subscribing,
-    /// It receives.
+    /// The subscription receives.
     Subscribed {
         _subscription: RawSubscription,
-        /// Also while nobody publishes.
+        /// Whether it is kept while nobody publishes.
         stays: bool,
         last_publisher: Instant,
     },
-    /// It could not be created at that time.
+    /// The subscription failed at that time.
     Refused(Instant),
 }
 
 impl TopicSubscriptions {
-    /// None yet.
+    /// Without subscriptions.
     ///
     /// # Errors
     /// For a name that is invalid after remapping.
@@ -72,8 +72,8 @@ impl TopicSubscriptions {
         })
     }
 
-    /// Subscribes to what the nodes of this process use, and in a process of its own to fuyu's topics before they have
-    /// publishers, so that the first message is recorded.
+    /// Subscribes to the topics that nodes of this process use. If the recorder is alone in its process, subscribes to
+    /// fuyu's topics even without publishers, so that the first message is recorded.
     ///
     /// # Errors
     /// For a name that is invalid after remapping.
@@ -97,21 +97,22 @@ impl TopicSubscriptions {
         let qos = match known {
             Some((_, qos)) => *qos,
             None if used.is_published => used.qos,
-            // What its publishers will offer is not known yet.
+            // The QoS of its publishers is not known yet.
             None => return,
         };
         let topic = bag::Topic::named(&used.topic, &used.type_name, qos);
         self.subscribe_to(topic, qos, !used.is_published);
     }
 
-    /// Subscribes to the topic of a publisher, if it is selected and not subscribed to.
+    /// Subscribes to the topic of a discovered publisher, if it is selected and not subscribed yet.
     fn subscribe(&self, publisher: &DiscoveredPublisher) {
         let mut topic = bag::Topic::named(&publisher.topic, &publisher.type_name, publisher.qos);
         topic.type_hash.clone_from(&publisher.type_hash);
         self.subscribe_to(topic, publisher.qos, false);
     }
 
-    /// Subscribes to the topics of these publishers, and ends subscriptions to topics that have had none for a while.
+    /// Subscribes to the topics of `publishers`, and ends subscriptions to topics that have had no publisher for a
+    /// while.
     pub fn follow(&self, publishers: &[DiscoveredPublisher]) {
         for publisher in publishers {
             self.subscribe(publisher);
@@ -135,7 +136,7 @@ impl TopicSubscriptions {
         };
         let ended: Vec<_> = topics.all.extract_if(is_over).collect();
         drop(topics);
-        // Without the lock: samples that have arrived are recorded first.
+        // Dropped after unlocking: samples received so far are recorded first.
         drop(ended);
     }
 
@@ -145,13 +146,13 @@ impl TopicSubscriptions {
         drop(ended);
     }
 
-    /// Ends all subscriptions for good.
+    /// Ends all subscriptions and prevents new ones.
     pub fn close(&self) {
         self.lock().closed = true;
         self.clear();
     }
 
-    /// Subscribes without holding the lock.
+    /// Creates a subscription without holding the lock.
     fn subscribe_to(&self, topic: bag::Topic, offered: Qos, stays: bool) {
         let name = topic.name.clone();
         if !self.selection.takes(&name) {
@@ -201,7 +202,7 @@ impl TopicSubscriptions {
     }
 }
 
-/// The offered QoS, with a queue deep enough for messages that arrive while the receiving thread is busy.
+/// The offered QoS, with a queue long enough for messages that arrive while the receiving thread is busy.
 fn reading(offered: Qos) -> Qos {
     offered.depth(offered.depth.max(100))
 }

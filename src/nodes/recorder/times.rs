@@ -17,45 +17,45 @@ use crate::{
 /// --use-sim-time`.
 pub struct Times {
     clock: Clock,
-    /// The last `/clock` among the recorded samples \[ns\]; [`NO_CLOCK`] before the first.
+    /// The last recorded `/clock` \[ns\]; [`NO_CLOCK`] before the first.
     now: AtomicI64,
     /// Samples that arrived before the first `/clock`; `None` after it.
     early: Mutex<Option<Waiting>>,
     /// Stamp of the last message \[ns\].
     last: AtomicU64,
-    /// [`Clock::changes_of_publisher`] at the last message, or at the last `/clock` if that is recorded.
+    /// [`Clock::changes_of_publisher`] at the last message, or, if `/clock` is recorded, at the last `/clock`.
     changes_of_publisher: AtomicU64,
-    /// Publisher of the last `/clock` among the recorded samples.
+    /// Publisher of the last recorded `/clock`.
     publisher: Mutex<Option<Gid>>,
-    /// Whether the time may jump back to that of another publisher, which is no restart.
+    /// Whether time may jump back because the clock follows another publisher, which is not a restart.
     may_jump: AtomicBool,
-    /// Wall time at the start, and the monotonic time.
+    /// Wall time at the start, and the monotonic instant.
     start: (Time, Instant),
 }
 
-/// Samples that wait for the first `/clock`.
+/// Samples waiting for the first `/clock`.
 #[derive(Default)]
 struct Waiting {
     samples: Vec<Early>,
     bytes: usize,
 }
 
-/// A sample without a stamp yet, and its destination.
+/// A sample without a stamp, and its destination.
 struct Early {
     handle: RecorderHandle,
     topic: Arc<RecorderTopic>,
     sample: RawSample,
 }
 
-/// Largest number of samples that wait for the first `/clock`, and of their bytes.
+/// Largest number and total bytes of samples that wait for the first `/clock`.
 const EARLY: usize = 10_000;
 const EARLY_BYTES: usize = 64 << 20;
 
-/// No `/clock` was recorded.
+/// Value before any `/clock` was recorded.
 const NO_CLOCK: i64 = i64::MIN;
 
 impl Times {
-    /// Stamps from `clock`.
+    /// Stamps by `clock`.
     pub fn new(clock: Clock) -> Self {
         Self {
             clock,
@@ -69,7 +69,7 @@ impl Times {
         }
     }
 
-    /// Writes a sample, now or as soon as the time is known.
+    /// Writes a sample with its stamp, at once or when the time becomes known.
     pub fn write(&self, handle: &RecorderHandle, topic: &Arc<RecorderTopic>, sample: RawSample) {
         let mut early = self.early.lock().unwrap_or_else(PoisonError::into_inner);
         match early.as_mut() {
@@ -90,9 +90,9 @@ impl Times {
         }
     }
 
-    /// Samples that are recorded from now on have arrived at the simulated time `now`, or later. They are recorded a moment
-    /// after their arrival, when the node's clock has advanced already. The time of a publisher that the node's clock does not
-    /// follow does not count.
+    /// Sets the simulated time `now` for the stamps of the following samples. The node's own clock may be ahead
+    /// already, since samples are recorded shortly after their arrival. Ignored for a publisher that the node's clock
+    /// does not follow.
     pub fn advance(&self, now: Time, publisher: Gid) {
         if !self.clock.follows(publisher) {
             return;
@@ -109,7 +109,7 @@ impl Times {
         self.begin(now);
     }
 
-    /// Writes the waiting samples with the stamp `now`: the first `/clock` has arrived, or recording ends.
+    /// Writes the waiting samples with the stamp `now`, when the first `/clock` has arrived or recording ends.
     pub fn begin(&self, now: Time) {
         let early = self
             .early
@@ -127,7 +127,7 @@ impl Times {
         }
     }
 
-    /// Whether the clock follows another publisher than at the last call, while the one before still publishes.
+    /// Whether the clock has switched to another publisher since the last call while the previous one still publishes.
     fn publisher_has_changed(&self) -> bool {
         let changes = self.clock.changes_of_publisher();
         changes != self.changes_of_publisher.swap(changes, Relaxed)
@@ -157,7 +157,7 @@ impl Times {
             _ => is_jump && !self.may_jump.swap(false, Relaxed),
         };
         if is_jump && is_restart {
-            // Sorted by time, one file would mix the two runs.
+            // A single file sorted by time would mix the two runs.
             tracing::info!(
                 "/clock jumped back from {} s to {} s: the bag continues in a new file",
                 Time::from_nanos(last as i64),
@@ -171,8 +171,8 @@ impl Times {
     }
 }
 
-/// The stamp of a message that arrived at `received` by the wall clock. If the clock was set back since the recording
-/// started, it is `now` instead, by a clock that never is.
+/// The stamp of a message that arrived at `received` by the wall clock. If the wall clock was set back since the
+/// recording started, the stamp is `now` instead, which is monotonic.
 fn advancing(received: Time, now: Time) -> Time {
     const SET_BACK: Duration = Duration::from_millis(500);
     if now.since(received) > SET_BACK {
@@ -190,7 +190,7 @@ fn nanos(time: Time) -> u64 {
 mod tests {
     use super::*;
 
-    // Fails if messages after the clock was set back were sorted before the earlier ones, or had one stamp.
+    // Fails if messages after the clock was set back are sorted before earlier ones, or all get the same stamp.
     #[test]
     fn stamps_advance_when_the_wall_clock_is_set_back() {
         let at = Time::from_secs_f64;

@@ -1,4 +1,4 @@
-//! The parameters that the nodes of a scenario have, and scenarios as text.
+//! Declared parameters of the nodes of a scenario, and conversion of scenarios to text.
 
 use std::{collections::BTreeMap, fmt::Write as _, path::Path};
 
@@ -12,7 +12,7 @@ use crate::{
     ros::{Declare, NodeName, ParameterValue},
 };
 
-/// Names and values of the parameters of a node, those with default values included.
+/// Names and values of a node's parameters, including defaults.
 pub type Declared = BTreeMap<String, ParameterValue>;
 
 /// Declares the parameters of a node.
@@ -41,10 +41,10 @@ fn declare(node: &str, declare: &mut Declare) -> Result<(), String> {
 }
 
 impl Scenario {
-    /// The parameters of one of its nodes.
+    /// The parameters of one of the scenario's nodes.
     ///
     /// # Errors
-    /// A line per wrong parameter.
+    /// One line per invalid parameter.
     pub fn declared(&self, node: &NodeName) -> Result<Declared, String> {
         let (_, store) = self.store_of(node, |d| declare(node.name(), d))?;
         let names = store.names().into_iter();
@@ -52,12 +52,12 @@ impl Scenario {
         Ok(values.collect())
     }
 
-    /// The scenario as a parameter file: what file, command line and [`set`](Self::set) give to its nodes. A parameter that is
-    /// given to all nodes is printed for those that `declared` says have it. Paths of files that are relative to the
+    /// The scenario as a parameter file, with the values from file, command line and [`set`](Self::set). A parameter
+    /// given to all nodes is printed for the nodes that have it, according to `declared`. File paths relative to the
     /// scenario's folder become absolute.
     ///
     /// # Errors
-    /// If a parameter file of the command line cannot be read.
+    /// If a parameter file named on the command line cannot be read.
     pub fn to_text(&self, declared: &[Declared]) -> Result<String, String> {
         let folder = self
             .path
@@ -86,7 +86,7 @@ impl Scenario {
     }
 }
 
-/// The value, or the path of the file that it names in `folder`.
+/// The value, or, if it names a file in `folder`, the path of this file.
 fn absolute(folder: Option<&Path>, value: &ParameterValue) -> ParameterValue {
     let resolve = |text: &String| {
         let path = folder
@@ -112,7 +112,7 @@ fn absolute(folder: Option<&Path>, value: &ParameterValue) -> ParameterValue {
     }
 }
 
-/// A YAML string in double quotes: a JSON string without the characters that YAML does not print.
+/// A YAML string in double quotes: a JSON string in which characters that YAML cannot print are escaped.
 fn string(text: &str) -> String {
     let hidden =
         |c: char| ('\u{7f}'..='\u{9f}').contains(&c) || ('\u{fffe}'..='\u{ffff}').contains(&c);
@@ -124,7 +124,7 @@ fn string(text: &str) -> String {
     json.chars().map(escaped).collect()
 }
 
-/// A key: in quotes where it needs them.
+/// A key, in quotes if necessary.
 fn quoted(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "._".contains(c);
     if text.chars().all(plain) && text.starts_with(|c: char| c.is_ascii_alphabetic()) {
@@ -133,7 +133,7 @@ fn quoted(text: &str) -> String {
     string(text)
 }
 
-/// The value in YAML, from which the same bits are read.
+/// The value in YAML; reading it gives the same bits.
 fn value_text(value: &ParameterValue) -> String {
     let number = |x: &f64| match x.is_finite() {
         true => format!("{x:?}"),

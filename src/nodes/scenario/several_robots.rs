@@ -8,12 +8,12 @@ use crate::nodes::topics::BASE;
 pub struct OtherBody {
     /// Namespace of the robot.
     pub robot: String,
-    /// Its target; `None` is its base.
+    /// The robot's target; `None` for its base.
     pub target: Option<String>,
 }
 
-/// Checks that the dynamics nodes of `scenario` agree on their common time. A single one may share a world with robots
-/// that another process simulates.
+/// Checks that the dynamics nodes of `scenario` agree on their common time. A single dynamics node may share a world
+/// with robots that another process simulates.
 ///
 /// # Errors
 /// A line that names file, node and parameter.
@@ -89,10 +89,10 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), String> {
     same("start_paused", |p| p.start_paused.to_string())
 }
 
-/// The body of another robot that an absolute name means: `/NAMESPACE/base_link` or `/NAMESPACE/TARGET`.
+/// The body of another robot given by an absolute name, `/NAMESPACE/base_link` or `/NAMESPACE/TARGET`.
 ///
 /// # Errors
-/// A line that lists what there is.
+/// A line that lists the known bodies.
 pub(super) fn other_body(scenario: &Scenario, name: &str) -> Result<OtherBody, String> {
     let robots = scenario.robots();
     let (namespace, last) = name.rsplit_once('/').unwrap_or_default();
@@ -105,7 +105,7 @@ pub(super) fn other_body(scenario: &Scenario, name: &str) -> Result<OtherBody, S
         params.is_some_and(|params| params.robots.iter().any(|r| r == namespace))
     };
     if !robots.contains(&namespace) && robots.iter().any(elsewhere) {
-        // Another process knows its targets.
+        // Its targets are known only to another process.
         return Ok(OtherBody {
             robot: namespace.to_owned(),
             target: (last != BASE).then(|| last.to_owned()),

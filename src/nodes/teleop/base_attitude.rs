@@ -7,15 +7,16 @@ use crate::{
     ros::Time,
 };
 
-/// Largest interval between measurements over which they are integrated \[s\].
+/// Longest interval between measurements over which rates are integrated \[s\].
 const MAX_GAP: f64 = 0.5;
 
-/// The base's attitude: a given one at the first measurement, because a gyro measures rotations only, and integrated since.
+/// The base's attitude: a given attitude at the first measurement, since a gyro measures rotation only, and integration
+/// since.
 #[derive(Debug)]
 pub struct BaseAttitude {
     initial: UnitQuaternion<f64>,
     R_WB: UnitQuaternion<f64>,
-    /// Time and angular velocity of the last measurement, base axes.
+    /// Time and angular velocity (base axes) of the last measurement.
     last: Option<(f64, Vector3<f64>)>,
     lost: Option<String>,
 }
@@ -31,10 +32,10 @@ impl BaseAttitude {
         }
     }
 
-    /// Adds a measurement, which must be in the axes of the frame `base`.
+    /// Adds a gyro measurement, which must be in the axes of the frame `base`.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// The reason why it is refused.
     pub fn take(&mut self, imu: &Imu, base: &str) -> Result<(), String> {
         let unit = &imu.header.frame_id;
         if unit != base {
@@ -46,7 +47,7 @@ impl BaseAttitude {
         }
         let sample = (Time::from(&imu.header.stamp).as_secs_f64(), w);
         match self.last {
-            // Repeated, or out of order.
+            // Repeated or out of order.
             Some(last) if sample.0 <= last.0 && sample.0 >= last.0 - MAX_GAP => return Ok(()),
             Some(last) if sample.0 > last.0 => {
                 let gap = sample.0 - last.0;
@@ -58,17 +59,17 @@ impl BaseAttitude {
                 self.R_WB *= rotation_between(&last, &sample);
                 self.R_WB.renormalize();
             }
-            // The first, or a simulation that has restarted.
+            // The first measurement, or a restarted simulation.
             _ => *self = Self::new(self.initial),
         }
         self.last = Some(sample);
         Ok(())
     }
 
-    /// The attitude.
+    /// The current attitude.
     ///
     /// # Errors
-    /// Why it is unknown.
+    /// The reason why it is unknown.
     pub fn R_WB(&self) -> Result<UnitQuaternion<f64>, String> {
         match (&self.lost, self.last) {
             (Some(lost), _) => Err(lost.clone()),
@@ -123,7 +124,7 @@ mod tests {
         attitude.take(&imu(10.0, still), "base_link").unwrap();
         attitude.take(&imu(11.0, still), "base_link").unwrap();
         assert!(attitude.R_WB().unwrap_err().contains("1.0 s without imu"));
-        // A jump back in time starts another run.
+        // A jump back in time starts a new run.
         attitude.take(&imu(0.0, still), "base_link").unwrap();
         assert!(attitude.R_WB().is_ok());
     }

@@ -1,4 +1,4 @@
-//! Arbitration between the operator's inputs, joystick (`joy`) and twists (`cmd_vel`).
+//! Input arbitration between the operator's joystick (`joy`) and twists (`cmd_vel`).
 
 use std::time::{Duration, Instant};
 
@@ -8,20 +8,20 @@ use crate::{
     spatial::Twist,
 };
 
-/// Request of the operator.
+/// The operator's request.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Request {
     /// No message has arrived yet.
     Nothing,
-    /// To move.
+    /// Move.
     Move(OperatorCommand),
-    /// To stop: the operator has released the button.
+    /// Stop: the operator has released the button.
     Released,
-    /// To stop: messages are missing, or the last one was invalid.
+    /// Stop: messages are missing, or the last one was invalid.
     Lost(String),
 }
 
-/// Last messages of the operator, by joystick and by twists.
+/// Last messages of the operator from joystick and twists.
 #[derive(Debug, Default)]
 pub struct OperatorInput {
     joy: Option<(Instant, Result<Option<Twist>, String>)>,
@@ -34,7 +34,7 @@ impl OperatorInput {
     /// Adds a message of `joy` that arrived at `now`.
     ///
     /// # Errors
-    /// What is wrong with it; the arm then stops.
+    /// The reason why it is invalid; the arm then stops.
     pub fn take_joy(
         &mut self,
         message: &Joy,
@@ -49,7 +49,7 @@ impl OperatorInput {
     /// Adds a message of `cmd_vel` that arrived at `now`.
     ///
     /// # Errors
-    /// What is wrong with it; the arm then stops.
+    /// The reason why it is invalid; the arm then stops.
     pub fn take_cmd_vel(
         &mut self,
         message: &TwistStamped,
@@ -62,15 +62,15 @@ impl OperatorInput {
         read.map(drop)
     }
 
-    /// The request at `now`. A joystick whose button is pressed has priority over twists; messages older than
-    /// `timeout` are ignored. `frame` is that of the joystick.
+    /// The request at `now`. While its button is pressed, the joystick has priority over twists; messages older than
+    /// `timeout` are ignored. `frame` gives the axes of joystick commands.
     pub fn request(&mut self, frame: CommandFrame, timeout: Duration, now: Instant) -> Request {
         let age = |at: &Instant| now.saturating_duration_since(*at);
         let fresh = |at: &Instant| age(at) <= timeout;
         let joy = self.joy.as_ref().filter(|(at, _)| fresh(at));
         let cmd_vel = self.cmd_vel.as_ref().filter(|(at, _)| fresh(at));
         let request = match (joy, cmd_vel) {
-            // An invalid message of either stops the arm.
+            // An invalid message on either topic stops the arm.
             (Some((_, Err(problem))), _) => Request::Lost(format!("joy {problem}")),
             (_, Some((_, Err(problem)))) => Request::Lost(format!("cmd_vel {problem}")),
             (Some((_, Ok(Some(twist)))), _) => Request::Move(OperatorCommand {
@@ -98,8 +98,8 @@ impl OperatorInput {
         request
     }
 
-    /// Whether the operator has ever moved the arm: before that nothing is commanded, and a simulation that waits for a
-    /// command waits for the operator.
+    /// Whether the operator has ever moved the arm. Before, nothing is commanded, so that a simulation with
+    /// `start_on_command` waits for the operator.
     pub fn has_moved(&self) -> bool {
         self.has_moved
     }

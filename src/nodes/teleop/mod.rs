@@ -1,13 +1,13 @@
 //! The teleop node: joint rates from an operator's joystick or twists.
 //!
-//! The last valid message of `joy` or `cmd_vel` is in force for `command_timeout`. While the joystick's button is pressed it
-//! has priority over twists. A released button, an invalid message and a timeout stop the arm: zero rates, at once.
-//! Nothing is commanded before the operator has moved the arm for the first time.
+//! The last valid message on `joy` or `cmd_vel` is in force for `command_timeout`. While its button is pressed, the
+//! joystick has priority over twists. A released button, an invalid message or a timeout stops the arm at once, with
+//! zero rates. Nothing is commanded before the operator has moved the arm for the first time.
 //!
-//! Commands are in the axes of the base, of the tip or of the world. The node knows the base's attitude only by the gyro:
-//! from `base_orientation` at the first measurement and the integrated `imu` measurements since. So the world's axes drift
-//! as the gyro does. The method ([`Resolution`]) determines whether a command is motion in inertial space or
-//! relative to the base.
+//! Commands are in the axes of the base, of the tip or of the world. The node knows the base's attitude from the gyro
+//! only: `base_orientation` at the first measurement, integrated with `imu` since. So the assumed world axes drift with
+//! the gyro. The method ([`Resolution`]) determines whether a command is motion in inertial space or relative to the
+//! base.
 
 mod base_attitude;
 mod input_arbitration;
@@ -45,13 +45,13 @@ use params::Live;
 /// Shortest time between two commands.
 const MIN_PERIOD: Duration = Duration::from_millis(10);
 
-/// How long diagnostics report an invalid message when the next ones are valid.
+/// How long diagnostics keep reporting an invalid message although valid ones follow.
 const REFUSAL_SHOWN: Duration = Duration::from_secs(5);
 
 /// The node's program.
 ///
 /// # Errors
-/// For wrong parameters, or when DDS refuses.
+/// For invalid parameters, or when DDS reports an error.
 pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let declared = TeleopParams::declare_live(&mut declare);
@@ -74,11 +74,11 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// The robot that is steered.
+/// The robot, its steering and its state.
 struct SteeredArm {
     steering: Steering,
     names: FrameNames,
-    /// Joint positions, or what is wrong with them, with the time of arrival.
+    /// Joint positions, or the reason why they are invalid, with the time of arrival.
     state: Option<(Instant, Result<DVector<f64>, String>)>,
 }
 
@@ -94,14 +94,14 @@ struct Teleop<'a> {
     arm: Option<SteeredArm>,
     attitude: BaseAttitude,
     input: OperatorInput,
-    /// Whether a message of the operator has arrived since the last command.
+    /// Whether the operator has sent a message since the last command.
     new_message: bool,
     commanded: Option<Instant>,
     operator_status: Status,
     steering_status: Status,
     imu_status: Status,
     refused: u64,
-    /// When and why a message was last refused.
+    /// Time and reason of the last refusal of a message.
     refusal: Option<(Instant, String)>,
 }
 
@@ -162,7 +162,7 @@ impl<'a> Teleop<'a> {
         self.node.wait_for(timeout)
     }
 
-    /// Reads the messages that have arrived.
+    /// Reads received messages.
     fn listen(&mut self) {
         let Some(arm) = &mut self.arm else { return };
         if self.live.changed() {
@@ -236,7 +236,7 @@ impl<'a> Teleop<'a> {
         self.new_message = false;
     }
 
-    /// Reports the source of commands.
+    /// Reports the state of the operator's inputs.
     fn report(&self, request: &Request) {
         let status = &self.operator_status;
         status.set("refused", self.refused);
@@ -259,7 +259,7 @@ impl<'a> Teleop<'a> {
     }
 }
 
-/// Sets the joint rates for a request; returns how they were limited, or `None` if the arm is to stop.
+/// Computes the joint rates for a request. Returns the limits that acted, or `None` if the arm must stop.
 fn steer(
     arm: &mut SteeredArm,
     request: &Request,
@@ -282,7 +282,7 @@ fn steer(
     Ok(Some(arm.steering.steer(time, q, &V_B)))
 }
 
-/// Reports which limits act on a command.
+/// Reports the limits that act on a command.
 fn report_steering(status: &Status, steering: &Steering, steered: &Steered) {
     let config = steering.config();
     let method = choice::name_of(&Resolution::NAMES, &config.resolution.method);
@@ -316,7 +316,7 @@ fn joint_name(model: &Model, j: usize) -> &str {
     &model.joints()[j].name
 }
 
-/// Message with the commanded joint rates.
+/// The commanded joint rates as a message.
 pub fn message(steering: &Steering, header: Header) -> JointState {
     let joints = steering.model().joints().iter();
     JointState {

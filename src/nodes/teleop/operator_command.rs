@@ -11,11 +11,11 @@ use crate::{
 /// Axes in which a command is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CommandFrame {
-    /// The base's, as an operator on board or with the image of its camera sees them.
+    /// Base axes, as seen by an operator on board or in the image of a camera on the base.
     Base,
-    /// The tip's.
+    /// Tip axes.
     Tip,
-    /// The world's, as integrated from the base's gyro.
+    /// World axes, as integrated from the base's gyro.
     World,
 }
 
@@ -28,7 +28,7 @@ impl CommandFrame {
     ];
 }
 
-/// Names of the frames that messages may have.
+/// Frame names that messages may have.
 #[derive(Debug, Clone)]
 pub struct FrameNames {
     /// Link of the base.
@@ -37,10 +37,10 @@ pub struct FrameNames {
     pub tip: String,
 }
 
-/// A twist that an operator commands.
+/// A twist commanded by an operator.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OperatorCommand {
-    /// Its axes.
+    /// Axes of the twist.
     pub frame: CommandFrame,
     /// The twist of the tip's origin.
     pub twist: Twist,
@@ -55,15 +55,15 @@ pub struct Joystick {
     pub scales: [f64; 6],
     /// Deflection, as a fraction of the full one, below which an axis commands zero.
     pub deadband: f64,
-    /// The dead man's button: without it pressed nothing moves. `None` if there is no such button.
+    /// The dead man's switch: without it pressed nothing moves. `None` if there is no such button.
     pub enable_button: Option<usize>,
 }
 
 impl Joystick {
-    /// The twist that a message commands; `None` while the dead man's button is not pressed.
+    /// The commanded twist; `None` while the dead man's switch is not pressed.
     ///
     /// # Errors
-    /// Which axis or button is missing or not finite.
+    /// The axis or button that is missing or not finite.
     pub fn twist(&self, message: &Joy) -> Result<Option<Twist>, String> {
         let counts = (message.axes.len(), message.buttons.len());
         if let Some(button) = self.enable_button {
@@ -96,14 +96,14 @@ impl Joystick {
         )))
     }
 
-    /// Zero within the deadband, one at full deflection, continuous between.
+    /// Deflection after the deadband: zero within it, one at full deflection, continuous in between.
     fn beyond_deadband(&self, axis: f64) -> f64 {
         let beyond = (axis.abs() - self.deadband) / (1.0 - self.deadband);
         beyond.clamp(0.0, 1.0).copysign(axis)
     }
 }
 
-/// Parameters of the axes, as teleop_twist_joy calls them.
+/// Names of the axes in parameters, the same as in teleop_twist_joy.
 pub const AXES: [&str; 6] = [
     "axis_linear.x",
     "axis_linear.y",
@@ -114,10 +114,10 @@ pub const AXES: [&str; 6] = [
 ];
 
 impl OperatorCommand {
-    /// Reads a stamped twist; one without a frame is in `frame`.
+    /// Reads a stamped twist; `frame` applies if the message names no frame.
     ///
     /// # Errors
-    /// Which component is not finite, or which frames are possible.
+    /// The component that is not finite, or the allowed frames.
     pub fn from_msg(
         message: &TwistStamped,
         names: &FrameNames,
@@ -185,7 +185,7 @@ mod tests {
         assert_eq!(V.linear.norm() + V.angular.norm(), 0.0);
         // Continuous at the edge of the deadband.
         assert!(twist(&[0.101, 0.0, 0.0]).linear.norm() < 1e-3);
-        // Values beyond full deflection are cut.
+        // Values beyond full deflection are clamped.
         assert_eq!(twist(&[2.0, 0.0, 0.0]).linear.y, -0.5);
     }
 

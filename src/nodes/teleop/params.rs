@@ -18,9 +18,9 @@ use crate::{
 pub struct TeleopParams {
     /// Link whose frame is the tip.
     pub tip_link: String,
-    /// Lowest rate of commands \[Hz\].
+    /// Minimum rate of commands \[Hz\].
     pub rate: f64,
-    /// Age of the operator's last message beyond which the arm stops.
+    /// Age of the operator's last message above which the arm stops.
     pub command_timeout: Duration,
     /// Attitude of the base in the world at the first measurement of `imu`.
     pub base_orientation: UnitQuaternion<f64>,
@@ -28,13 +28,13 @@ pub struct TeleopParams {
     pub joystick: Joystick,
     /// Settings of the steering.
     pub steering: SteeringConfig,
-    /// Axes of joystick commands, and of twists without a frame.
+    /// Axes of joystick commands, and of twists without a frame name.
     pub frame: CommandFrame,
-    /// The operator of `fuyu simulate`, if there is one.
+    /// The simulated operator of `fuyu simulate`, if there is one.
     pub operator: Option<SimulatedOperator>,
 }
 
-/// Operator of a simulation.
+/// Simulated operator.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimulatedOperator {
     /// Goal of the tip in the world \[m\].
@@ -43,7 +43,7 @@ pub struct SimulatedOperator {
     pub config: OperatorConfig,
 }
 
-/// Parameters that may change while the node runs.
+/// Live parameters, which may change while the node runs.
 pub(super) struct Live {
     method: Param<String>,
     frame: Param<String>,
@@ -174,7 +174,7 @@ impl Live {
     }
 
     pub(super) fn changed(&self) -> bool {
-        // Every handle must be read, or it reports its change later.
+        // No short circuit: every handle must be queried, or it would report its change later.
         let texts = [&self.method, &self.frame];
         let changed = texts.iter().filter(|p| p.changed()).count()
             + self.numbers.iter().filter(|p| p.changed()).count();
@@ -183,10 +183,10 @@ impl Live {
 }
 
 impl TeleopParams {
-    /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
+    /// Declares and reads the parameters. The caller must call `declare.finish`.
     ///
     /// # Errors
-    /// A line that names the parameter that is wrong.
+    /// A line that names the invalid parameter.
     pub fn declare(declare: &mut Declare) -> Result<Self, String> {
         Self::declare_live(declare).map(|(params, _)| params)
     }
@@ -246,7 +246,7 @@ impl TeleopParams {
 fn declare_joystick(declare: &mut Declare) -> Joystick {
     /// Largest index of an axis or button.
     const MAX_INDEX: i64 = 255;
-    // A gamepad as joy_node reads it: left stick for x and y, right one for z and yaw.
+    // Gamepad axes as numbered by joy_node: left stick for x and y, right stick for z and yaw.
     const DEFAULT_AXES: [i64; 6] = [1, 0, 4, -1, -1, 3];
     let mut index = |name: &str, default: i64, text: &str| {
         let declared = declare.param(name, default, text).range(-1, MAX_INDEX);

@@ -1,4 +1,4 @@
-//! Limited joint rates from a command of the tip: the part of the node that needs no ROS graph.
+//! Steering: limited joint rates for a commanded twist of the tip; the part of the teleop node that needs no ROS graph.
 
 use nalgebra::{DVector, UnitQuaternion};
 
@@ -25,21 +25,21 @@ pub struct SteeringConfig {
     pub max_joint_acceleration: f64,
 }
 
-/// How a command was limited.
+/// Limits that acted on a command.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Steered {
-    /// Condition of the posture.
+    /// Singularity measures of the posture.
     pub resolved: Resolved,
-    /// Limits of the joints that acted.
+    /// Joint limits that acted.
     pub limited: Limited,
-    /// Whether the command exceeded a speed limit.
+    /// Whether the command exceeded a speed limit of the tip.
     pub too_fast: bool,
 }
 
-/// Longest time step in which rates may change \[s\].
+/// Longest time step for which the acceleration limit is evaluated \[s\].
 const MAX_STEP: f64 = 0.1;
 
-/// Steers a robot's tip.
+/// Resolved-rate steering of a robot's tip.
 pub struct Steering {
     model: Model,
     workspace: Workspace,
@@ -101,10 +101,10 @@ impl Steering {
         self.last = Some(time);
     }
 
-    /// The command's twist in the base's axes, at joint positions `q` and base attitude `R_WB`, if known.
+    /// The commanded twist in base axes, at joint positions `q` and base attitude `R_WB`.
     ///
     /// # Errors
-    /// Why the base's attitude is unknown, if the command needs it.
+    /// The reason why the base's attitude is unknown, if the command needs it.
     pub fn in_base_axes(
         &mut self,
         command: &OperatorCommand,
@@ -126,13 +126,14 @@ impl Steering {
         })
     }
 
-    /// Computes joint rates for the twist `V_B` (base axes) at joint positions `q` and `time` \[s\]; [`Self::rates`] has them.
+    /// Computes joint rates for the twist `V_B` (base axes) at joint positions `q` and `time` \[s\]; they are in
+    /// [`Self::rates`].
     pub fn steer(&mut self, time: f64, q: &DVector<f64>, V_B: &Twist) -> Steered {
         let config = &self.config;
         let (V, too_fast) = limit_twist(V_B, config.max_linear_speed, config.max_angular_speed);
         let since = self.last.map_or(0.0, |last| time - last);
         if since < 0.0 {
-            // A simulation that has restarted, with joints at rest.
+            // The simulation has restarted with joints at rest.
             self.rates.fill(0.0);
         }
         self.last = Some(time);

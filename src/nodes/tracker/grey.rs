@@ -1,10 +1,10 @@
-//! Images of messages as grey values.
+//! Conversion of image messages to grey values.
 
 use fuyu_track::{Image as View, LARGEST_IMAGE, SMALLEST_IMAGE};
 
 use crate::msg::sensor_msgs::Image;
 
-/// Encodings that have grey values, and the bytes of a pixel.
+/// Supported encodings, and the number of bytes per pixel.
 const ENCODINGS: [(&str, usize); 17] = [
     ("mono8", 1),
     ("8UC1", 1),
@@ -22,11 +22,11 @@ const ENCODINGS: [(&str, usize); 17] = [
     ("bayer_bggr16", 2),
     ("bayer_gbrg16", 2),
     ("bayer_grbg16", 2),
-    // What Gazebo calls it.
+    // Gazebo's name for rgb8.
     ("R8G8B8", 3),
 ];
 
-/// An image of one byte a pixel, without padding.
+/// An image with one byte per pixel, without padding.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Grey {
     width: usize,
@@ -35,11 +35,11 @@ pub struct Grey {
 }
 
 impl Grey {
-    /// The luminance of an image (Rec. ITU-R BT.601, as OpenCV has it); of a Bayer mosaic, `r/4 + g/2 + b/4`. `white` is the value of
-    /// 16 bits that becomes 255.
+    /// The luminance of an image (Rec. ITU-R BT.601, as in OpenCV); for a Bayer mosaic, `r/4 + g/2 + b/4`. `white` is
+    /// the 16-bit value that becomes 255.
     ///
     /// # Errors
-    /// Names the field that is wrong.
+    /// Names the invalid field.
     pub fn new(image: &Image, white: u16) -> Result<Self, String> {
         let luminance = |r: u8, g: u8, b: u8| {
             ((77 * u32::from(r) + 150 * u32::from(g) + 29 * u32::from(b) + 128) >> 8) as u8
@@ -63,8 +63,8 @@ impl Grey {
         })
     }
 
-    /// The mean over 3 x 3 pixels with the weights 1, 2, 1 in both directions. Wherever it lies on a Bayer mosaic, it has red and blue
-    /// once and green twice, and nothing moves. Beyond its edges the image is mirrored.
+    /// Weighted mean over 3 x 3 pixels, with the weights 1, 2, 1 in both directions. At every pixel of a Bayer mosaic
+    /// it has red and blue once and green twice, without a shift of the image. The image is mirrored at its edges.
     fn smoothed(&self) -> Self {
         let (width, height) = (self.width, self.height);
         let mirrored = |i: usize, n: usize| match i {
@@ -93,10 +93,10 @@ impl Grey {
         }
     }
 
-    /// Grey values, row by row.
+    /// An image from grey values, row by row.
     ///
     /// # Errors
-    /// If the size and the number of values do not agree, or the image is too small or too large.
+    /// If the number of values does not match the size, or the image is too small or too large.
     pub fn from_values(width: usize, height: usize, data: Vec<u8>) -> Result<Self, String> {
         View::new(width, height, width, &data).map_err(|e| e.to_string())?;
         Ok(Self {
@@ -106,19 +106,19 @@ impl Grey {
         })
     }
 
-    /// For a tracker.
+    /// The image as input of the tracker.
     ///
     /// # Errors
-    /// None, unless this is no image.
+    /// If the image is invalid, which its constructors exclude.
     pub fn view(&self) -> Result<View<'_>, String> {
         View::new(self.width, self.height, self.width, &self.data).map_err(|e| e.to_string())
     }
 }
 
-/// Where a segmentation has the body `id`.
+/// Mask of the pixels at which a segmentation image shows the body `id`.
 ///
 /// # Errors
-/// Names the field that is wrong.
+/// Names the invalid field.
 pub fn mask_of(segmentation: &Image, id: u16) -> Result<Grey, String> {
     let big_endian = segmentation.is_bigendian != 0;
     match segmentation.encoding.as_str() {
@@ -185,7 +185,7 @@ mod tests {
     const WIDTH: usize = 33;
     const HEIGHT: usize = 32;
 
-    /// Every pixel is `pixel`, rows have `padding` bytes of 0xee more.
+    /// An image in which every pixel is `pixel`, and each row is followed by `padding` bytes of 0xee.
     fn image(encoding: &str, pixel: &[u8], padding: usize) -> Image {
         let mut row = pixel.repeat(WIDTH);
         row.extend(vec![0xee; padding]);
@@ -219,7 +219,7 @@ mod tests {
         }
         let mut big = image("mono16", &[0x0f, 0xff], 0);
         big.is_bigendian = 1;
-        // Twelve bits.
+        // 12-bit values.
         assert_eq!(Grey::new(&big, 4095).unwrap().data[0], 255);
         assert_eq!(Grey::new(&big, u16::MAX).unwrap().data[0], 16);
     }
@@ -248,7 +248,8 @@ mod tests {
         assert!(Grey::new(&padded, u16::MAX).is_ok());
     }
 
-    // A plane of each colour gives r/4 + g/2 + b/4 everywhere, at the edges as well, in every order of the colours.
+    // Constant planes of each colour give r/4 + g/2 + b/4 in every pixel, including the edges, for every order of the
+    // colours.
     #[test]
     fn a_mosaic_has_the_same_grey_value_in_every_pixel() {
         for (encoding, upper, lower) in [

@@ -1,4 +1,4 @@
-//! From images to feature tracks, for the node and for recordings.
+//! Image tracker: computes feature tracks from images, for the node and for recordings.
 
 use fuyu_track::{Losses, SettingsError, Tracker};
 
@@ -10,7 +10,7 @@ use crate::{
     vision::{Feature, FeatureFrame},
 };
 
-/// Follows points from image to image.
+/// Tracks points from image to image.
 pub struct ImageTracker {
     tracker: Tracker,
     white: u16,
@@ -19,10 +19,10 @@ pub struct ImageTracker {
 }
 
 impl ImageTracker {
-    /// One without points.
+    /// A tracker without points.
     ///
     /// # Errors
-    /// For a setting that is out of range.
+    /// If a setting is out of range.
     pub fn new(params: TrackerParams) -> Result<Self, SettingsError> {
         Ok(Self {
             tracker: Tracker::new(params.settings)?,
@@ -32,15 +32,15 @@ impl ImageTracker {
         })
     }
 
-    /// Points that have ended, by reason.
+    /// Numbers of lost points, by reason.
     pub fn losses(&self) -> Losses {
         self.tracker.losses()
     }
 
-    /// The features in an image, with its header. If time goes back, or another camera begins, all points end.
+    /// The features in an image, with the image's header. If time goes back or the camera changes, all tracks end.
     ///
     /// # Errors
-    /// Names what is wrong with the image. It is then as if it had not been there.
+    /// Names the mistake in the image, which is then ignored.
     pub fn track(&mut self, image: &Image, mask: Option<&Grey>) -> Result<FeatureTracks, String> {
         let grey = Grey::new(image, self.white)?;
         let time = Time::from(&image.header.stamp).as_secs_f64();
@@ -57,7 +57,7 @@ impl ImageTracker {
     /// The features in a grey image of `time` \[s\].
     ///
     /// # Errors
-    /// Names what is wrong.
+    /// Names the mistake.
     pub fn track_grey(
         &mut self,
         time: f64,
@@ -119,7 +119,7 @@ mod tests {
         let second = tracker.track(&image(2, "mono8"), None).unwrap();
         assert_eq!(second.ids, first.ids);
         assert_eq!(second.header, image(2, "").header);
-        // The same stamp again.
+        // A repeated stamp.
         assert!(tracker.track(&image(2, "mono8"), None).is_err());
         let again = tracker.track(&image(0, "mono8"), None).unwrap();
         assert!(again.ids.iter().all(|id| !first.ids.contains(id)));

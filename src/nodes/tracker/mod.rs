@@ -1,6 +1,7 @@
-//! Tracker node: finds points of a target in camera images and follows them.
+//! Tracker node: finds points of a target in camera images and tracks them.
 //!
-//! Its features are what the estimator takes. It reads images of any camera, of fuyu's or a real one, and needs no calibration.
+//! Its features are the input of the estimator. It reads images of any camera, simulated or real, and needs no
+//! calibration.
 
 mod grey;
 mod image_tracker;
@@ -24,7 +25,7 @@ use crate::{
 /// Longest wait for a message.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// Images, and masks, that wait for each other or for the tracker. More would be a memory without bound.
+/// Maximum number of images, and of masks, that wait for each other or for the tracker, to limit memory.
 const QUEUE: usize = 8;
 
 /// Time without images after which the node warns.
@@ -33,7 +34,7 @@ const SILENCE: Duration = Duration::from_secs(2);
 /// The node's program.
 ///
 /// # Errors
-/// Invalid parameters, or DDS errors.
+/// For invalid parameters, or when DDS reports an error.
 pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let params = TrackerParams::declare(&mut declare);
@@ -55,12 +56,12 @@ struct Follower {
     tracker: ImageTracker,
     mask_id: Option<u16>,
     images: Subscription<Image>,
-    /// If masks are used.
+    /// `None` unless masks are used.
     masks: Option<Subscription<Image>>,
     features: Publisher<FeatureTracks>,
     waiting: VecDeque<Received<Image>>,
     seen_masks: VecDeque<Received<Image>>,
-    /// Images that no mask came for.
+    /// Number of images for which no mask arrived.
     unmasked: u64,
     status: Status,
 }
@@ -108,7 +109,7 @@ impl Follower {
         }
     }
 
-    /// The oldest image that can be tracked, with its mask.
+    /// The oldest image with a mask, if masks are used; otherwise the oldest image.
     fn next(&mut self) -> Option<(Image, Option<Image>)> {
         let Some(masks) = &self.masks else {
             return Some((self.waiting.pop_front()?.message, None));

@@ -6,14 +6,14 @@ use fuyu_track::{Settings, Target, ranges};
 
 use crate::ros::Declare;
 
-/// Parameters of the tracker node, read at the start.
+/// Parameters of the tracker node, read once, at the start.
 #[derive(Debug, Clone)]
 pub struct TrackerParams {
-    /// Of the tracker.
+    /// Settings of the tracker.
     pub settings: Settings,
-    /// Id of the target in `camera/segmentation`; `None`: bright regions of the image are the target.
+    /// Id of the target in `camera/segmentation`; `None` to take bright regions of the image as the target.
     pub mask_id: Option<u16>,
-    /// Value of `mono16` that is white.
+    /// Value of `mono16` that counts as white.
     pub white: u16,
 }
 
@@ -28,7 +28,7 @@ impl Default for TrackerParams {
 }
 
 impl TrackerParams {
-    /// Declares the parameters and reads them. The caller calls `finish` of `declare`.
+    /// Declares and reads the parameters. The caller must call `declare.finish`.
     ///
     /// # Errors
     /// A line that names a parameter with an invalid value.
@@ -44,7 +44,7 @@ impl TrackerParams {
         let mut count = |name: &str, default: usize, range: RangeInclusive<usize>, text: &str| {
             let (from, to) = (*range.start() as i64, *range.end() as i64);
             let parameter = declare.param(name, default as i64, text).range(from, to);
-            // The declaration refuses other values.
+            // Other values are refused by the declaration.
             usize::try_from(parameter.read_only().value()).unwrap_or(default)
         };
         let points = count(

@@ -1,4 +1,4 @@
-//! Appendages as they are deformed: the edge of a panel and its surface, or the line of a boom.
+//! Deformed appendages: edge and surface of a panel, or line of a boom.
 
 use nalgebra::Vector3;
 
@@ -12,8 +12,8 @@ use crate::{
     nodes::geometry::vector_from_msg,
 };
 
-/// Markers of all appendages, each in its attachment frame, which moves with the link that carries it. Those whose
-/// outline and state do not agree in the number of modes are left out.
+/// Markers of all appendages, each in its attachment frame, which moves with the carrying link. Appendages whose
+/// outline and state have different numbers of modes are left out.
 pub fn markers(outlines: &AppendageOutlines, states: &AppendageStates) -> Vec<Marker> {
     let mut markers = Vec::new();
     for (body, name) in outlines.name.iter().enumerate() {
@@ -36,7 +36,7 @@ pub fn markers(outlines: &AppendageOutlines, states: &AppendageStates) -> Vec<Ma
     markers
 }
 
-/// Positions of the points of appendage number `body` in its attachment frame.
+/// Positions of the outline's points in the attachment frame of appendage number `body`.
 fn deformed(
     outlines: &AppendageOutlines,
     states: &AppendageStates,
@@ -118,7 +118,7 @@ mod tests {
         marker.points.iter().map(|p| [p.x, p.y, p.z]).collect()
     }
 
-    // The modal coordinates are found by name: .4 x .25 = .1 m at the panel's tip, .2 x .5 - .03 = .07 m at the boom's.
+    // Modal coordinates are found by name: .4 x .25 = .1 m at the panel's tip, .2 x .5 - .03 = .07 m at the boom's.
     // With those of the other body the panel's tip would be at .05 m.
     #[test]
     fn panels_are_drawn_where_their_modes_move_them() {

@@ -43,7 +43,7 @@ pub fn axes(group: &str, id: i32, header: Header, pose: Pose, size: f64) -> Mark
     marker
 }
 
-/// An arrow between two points. One of zero length, which has no direction, or to a point that is not finite is deleted.
+/// An arrow between two points. Deleted if its length is zero, so that it has no direction, or an end is not finite.
 pub fn arrow(
     group: &str,
     id: i32,
@@ -81,8 +81,8 @@ pub fn curve(
     marker
 }
 
-/// The surface between points that go along one side and back on the other, as triangles; deleted if there are fewer
-/// than four, or an odd number.
+/// A surface of triangles between points that run along one side and back along the other; deleted if the number of
+/// points is less than four or odd.
 pub fn surface(
     group: &str,
     id: i32,

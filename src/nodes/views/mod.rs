@@ -22,7 +22,7 @@ use draw::{arrow, axes, curve};
 /// Parameters of the views node; read once, at the start.
 #[derive(Debug, Clone)]
 pub struct ViewsParams {
-    /// How often markers are published \[Hz\].
+    /// Rate at which markers are published \[Hz\].
     pub rate: f64,
     /// Names of the targets, as in the dynamics node.
     pub targets: Vec<String>,
@@ -39,7 +39,7 @@ pub struct ViewsParams {
 }
 
 impl ViewsParams {
-    /// Declares the parameters and reads them. The caller calls `finish` of `declare`.
+    /// Declares and reads the parameters. The caller must call `declare.finish`.
     pub fn declare(declare: &mut Declare) -> Self {
         let mut length = |name: &str, default: f64, description: &str| {
             let declaration = declare.param(name, default, description);
@@ -94,7 +94,7 @@ impl ViewsParams {
 /// The node's program.
 ///
 /// # Errors
-/// For wrong parameters, or when DDS refuses.
+/// For invalid parameters, or when DDS reports an error.
 pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let params = ViewsParams::declare(&mut declare);
@@ -114,7 +114,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// The subscriptions, and what has to be remembered between two drawings.
+/// Subscriptions, and the data kept between two drawings.
 struct Scene {
     params: ViewsParams,
     goal: Subscription<crate::msg::geometry_msgs::PoseStamped>,
@@ -125,7 +125,7 @@ struct Scene {
     targets: Vec<Subscription<Odometry>>,
     appendages: Subscription<AppendageStates>,
     outlines: Subscription<AppendageOutlines>,
-    /// The last outlines.
+    /// The last outlines received.
     known_outlines: Option<AppendageOutlines>,
     base: Option<Odometry>,
     /// Stamp of the last odometry.
@@ -185,7 +185,7 @@ impl Scene {
         if let Some(received) = self.odometry.latest() {
             let stamp = Time::from(&received.message.header.stamp);
             if stamp < self.last {
-                // Time was reset: the prediction of the previous run is deleted.
+                // Time was reset: delete the prediction of the previous run.
                 let deleted = |id| {
                     let header = received.message.header.clone();
                     curve("prediction", id, header, std::iter::empty(), draw::BLUE)

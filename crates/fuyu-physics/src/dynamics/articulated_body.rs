@@ -11,13 +11,13 @@ use super::{
 use crate::model::Model;
 use crate::spatial::{Twist, Wrench};
 
-/// Forward dynamics by articulated bodies in link frames. Cost is linear in the number of joints, and precision does
-/// not depend on that number. A mimic joint couples branches, which the recursion from the tips to the base cannot express:
-/// robots with mimic joints are evaluated by [`Reduced`].
+/// Forward dynamics by the articulated-body algorithm in link frames. Cost is linear in the number of joints, and
+/// precision does not depend on that number. A mimic joint couples branches, which the recursion from the tips to the
+/// base cannot express: robots with mimic joints are evaluated by [`Reduced`].
 #[derive(Debug, Clone)]
 pub struct ArticulatedBody {
     pub(super) scratch: DynamicsScratch,
-    /// For robots with mimic joints.
+    /// The method for robots with mimic joints.
     coupled: Option<Box<Reduced>>,
 }
 
@@ -30,7 +30,7 @@ impl ArticulatedBody {
         }
     }
 
-    /// The same with another instruction set, for a robot without mimic joints.
+    /// As [`ArticulatedBody::new`], with another instruction set, for a robot without mimic joints.
     pub(super) fn with_instruction_set(model: &Model, arch: Arch) -> Self {
         Self {
             scratch: DynamicsScratch::with_instruction_set(model, arch),
@@ -82,7 +82,7 @@ impl Formulation for ArticulatedBody {
         });
     }
 
-    /// Without external wrenches no poses are needed: one sweep gives the base's angular velocity.
+    /// Without external wrenches no poses are needed: one sweep computes the base's angular velocity.
     fn evaluate(
         &mut self,
         state: &State,
@@ -103,7 +103,7 @@ impl Formulation for ArticulatedBody {
     }
 }
 
-/// Accelerations when the base twist is given; `pulp` compiles it for every instruction set.
+/// Accelerations for a given base twist; `pulp` compiles it for every instruction set.
 struct GivenBaseTwist<'a> {
     dynamics: &'a mut ArticulatedBody,
     motion: &'a TreeMotion<'a>,
@@ -132,8 +132,8 @@ impl WithSimd for GivenBaseTwist<'_> {
     }
 }
 
-/// Accelerations of a state without external wrenches, the base's angular velocity from momentum; `pulp` compiles it
-/// for every instruction set.
+/// Accelerations of a state without external wrenches; the base's angular velocity follows from momentum. `pulp`
+/// compiles it for every instruction set.
 struct FreeFloating<'a> {
     dynamics: &'a mut ArticulatedBody,
     state: &'a State,

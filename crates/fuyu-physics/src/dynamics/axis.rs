@@ -1,4 +1,4 @@
-//! The direction in which a joint moves.
+//! The axis of a joint, with its type of motion.
 
 use nalgebra::Vector3;
 
@@ -7,9 +7,9 @@ use crate::spatial::{Twist, Wrench};
 /// Axis along which a joint moves, in base axes.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Axis {
-    /// The moved body turns about this direction.
+    /// The body rotates about this direction.
     Turn(Vector3<f64>),
-    /// The moved body slides along this direction.
+    /// The body translates along this direction.
     Slide(Vector3<f64>),
 }
 
@@ -23,7 +23,7 @@ impl Axis {
         }
     }
 
-    /// Twist that the joint's motion at `rate` adds to that of the body.
+    /// Twist of the moved body relative to its parent at joint rate `rate`.
     #[inline]
     pub(super) fn twist(&self, rate: f64) -> Twist {
         match self {

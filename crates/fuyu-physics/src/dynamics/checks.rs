@@ -1,5 +1,5 @@
-//! Checks of arguments. A vector of the wrong length or the scratch of another robot is a mistake in the program, so it
-//! panics, with a message that names the argument. A check costs a comparison and allocates only when it fails.
+//! Checks of arguments. A vector of the wrong length or the scratch of another robot is a programming error, so the
+//! check panics, with a message that names the argument. A check costs a comparison and allocates only when it fails.
 
 use super::{Input, State, TreeAcceleration, TreeMotion};
 use crate::model::{Frame, Model};
@@ -53,7 +53,7 @@ pub(super) fn formulation(
     joint_vector("out.qdd", out.qdd.len(), model);
 }
 
-/// Panics unless `frame` can be one of the robot.
+/// Panics unless `frame` can belong to the robot.
 #[inline]
 #[track_caller]
 pub(super) fn frame(frame: &Frame, model: &Model) {
@@ -62,7 +62,7 @@ pub(super) fn frame(frame: &Frame, model: &Model) {
     }
 }
 
-/// Panics unless two objects that work together were made for one robot. Clones of one [`Model`] are recognised by
+/// Panics unless two objects that work together were made for the same robot. Clones of one [`Model`] are recognised by
 /// address; models that were made separately are compared.
 #[inline]
 #[track_caller]

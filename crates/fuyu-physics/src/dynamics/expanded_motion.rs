@@ -3,8 +3,8 @@
 use super::TreeMotion;
 use crate::model::Model;
 
-/// Memory for positions and rates of all joints of a tree; empty without mimic joints, whose motion follows from that of
-/// the coordinates ([`Coupling`](crate::model::Coupling)).
+/// Memory for positions and rates of all joints of a tree; empty without mimic joints. Their motion follows from that
+/// of the coordinates ([`Coupling`](crate::model::Coupling)).
 #[derive(Debug, Clone)]
 pub(super) struct ExpandedMotion {
     q: Vec<f64>,
@@ -24,7 +24,7 @@ impl ExpandedMotion {
         }
     }
 
-    /// `motion`, that of the coordinates, with positions and rates of all joints of the tree.
+    /// Expands `motion`, which has positions and rates of the coordinates, to all joints of the tree.
     pub fn of<'a>(&'a mut self, model: &Model, motion: &TreeMotion<'a>) -> TreeMotion<'a> {
         if !model.has_mimics() {
             return *motion;

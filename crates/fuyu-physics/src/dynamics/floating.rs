@@ -57,7 +57,7 @@ impl Floating {
         Self::with_loops(Loops::none(&model), state, method)
     }
 
-    /// The robot of `loops`, with its closed loops, in a state assembled for them ([`Loops::assemble`]).
+    /// A robot with closed loops, in a state assembled for them ([`Loops::assemble`]).
     ///
     /// # Panics
     /// As [`Floating::new`].
@@ -101,17 +101,17 @@ impl Floating {
         &self.state
     }
 
-    /// Kinematics and motion of the present state.
+    /// Kinematics and dynamics terms of the present state.
     pub fn workspace(&self) -> &Workspace {
         &self.workspace
     }
 
-    /// Its closed loops.
+    /// The closed loops.
     pub fn loops(&self) -> &Loops {
         self.integrator.loops()
     }
 
-    /// Forces and torques in the closures: see [`Loops::forces`].
+    /// Constraint forces and torques in the closures: see [`Loops::forces`].
     pub fn closure_forces(&mut self) -> Vec<[Option<f64>; 6]> {
         self.is_evaluated = false;
         let loops = self.integrator.loops_mut();
@@ -158,7 +158,7 @@ impl Floating {
         self.input.efforts.fill(0.0);
     }
 
-    /// Held efforts and wrenches. External wrenches can be set here.
+    /// Held efforts and wrenches, mutable. External wrenches are set here.
     pub fn input_mut(&mut self) -> &mut Input {
         self.is_evaluated = false;
         &mut self.input
@@ -175,14 +175,14 @@ impl Floating {
         self.refresh();
     }
 
-    /// The same with the scratch memory of this tree, whose content does not matter.
+    /// As [`Self::change_state`], with the scratch memory of this tree, whose content does not matter.
     pub(super) fn change_state_with(&mut self, change: impl FnOnce(&mut State, &mut Workspace)) {
         change(&mut self.state, &mut self.workspace);
         self.refresh();
     }
 
-    /// The tableau of its steps, if lanes compute the same; `None` with closed loops, damping or friction in the
-    /// joints, mimic joints, another formulation, or wrenches.
+    /// The tableau of the integrator, if SIMD lanes can compute the same steps. `None` with closed loops, damping or
+    /// friction in the joints, mimic joints, another formulation, or wrenches.
     #[cfg(feature = "batch")]
     pub(super) fn lane_tableau(&self) -> Option<&'static Tableau> {
         let has_wrench = self.input.wrenches.iter().any(|w| *w != Wrench::ZERO);
@@ -214,8 +214,8 @@ impl Floating {
         self.is_evaluated = false;
     }
 
-    /// Advances by one step of `dt` \[s\] under the input that `forcing` makes of the held one at every stage.
-    /// Afterwards the input that it gives for the new state is held.
+    /// Advances by one step of `dt` \[s\]; at every stage `forcing` changes the held input. Afterwards its input for
+    /// the new state is held.
     pub fn step_with(&mut self, dt: f64, forcing: &mut impl Forcing) {
         self.integrator.set_input(&self.input);
         (self.integrator).step(&mut self.state, &mut self.workspace, dt, forcing);
@@ -223,8 +223,8 @@ impl Floating {
         self.is_evaluated = false;
     }
 
-    /// Joint accelerations \[rad/s² or m/s²\] at this instant under the held input; afterwards the workspace has the
-    /// accelerations of this instant too.
+    /// Joint accelerations \[rad/s² or m/s²\] at this instant under the held input; afterwards the workspace also holds
+    /// the accelerations of this instant.
     pub fn accelerations(&mut self) -> &DVector<f64> {
         self.present_accelerations();
         let found = self.integrator.accelerations();
@@ -243,7 +243,7 @@ impl Floating {
         self.integrator.accelerations()
     }
 
-    /// Gives the workspace the accelerations of all bodies that follow from those of base and joints.
+    /// Sets the accelerations of all bodies in the workspace from those of base and joints.
     pub(super) fn show_accelerations(&mut self, A_WB_B: Twist, qdd: &[f64]) {
         self.workspace.set_positions(&self.state.q);
         self.workspace.set_motion(&self.state);

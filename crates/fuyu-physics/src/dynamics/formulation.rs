@@ -7,8 +7,8 @@ use super::{ArticulatedBody, Input, Kane, Reduced, State, Workspace};
 use crate::model::Model;
 use crate::spatial::{Twist, Wrench};
 
-/// Motion of a free-floating tree at an instant: the argument of every formulation. Where the base is does not
-/// matter, since accelerations do not depend on it.
+/// Motion of a free-floating tree at an instant: the argument of every formulation. The position of the base is not
+/// part of it, since accelerations do not depend on it.
 #[derive(Debug, Clone, Copy)]
 pub struct TreeMotion<'a> {
     /// Attitude of the base in the world. Forward dynamics does not depend on it, but a formulation that works in
@@ -87,8 +87,8 @@ pub trait Formulation {
     /// If a length does not fit the robot that the formulation was made for.
     fn accelerations(&mut self, motion: &TreeMotion, input: &Input, out: &mut TreeAcceleration);
 
-    /// The equations of motion at `state`, whose momentum gives the base twist. Integrators call this at every stage.
-    /// `workspace` is scratch.
+    /// Evaluates the equations of motion at `state`, whose momentum determines the base twist. Integrators call this at
+    /// every stage. `workspace` is scratch.
     ///
     /// # Panics
     /// As [`Formulation::accelerations`].
@@ -103,7 +103,7 @@ pub trait Formulation {
     }
 }
 
-/// [`Formulation::evaluate`] by way of the base twist and [`Formulation::accelerations`].
+/// Implements [`Formulation::evaluate`] by the base twist and [`Formulation::accelerations`].
 pub(super) fn evaluate_with_base_twist(
     formulation: &mut (impl Formulation + ?Sized),
     state: &State,
@@ -151,7 +151,7 @@ impl FormulationKind {
     /// This formulation for `model`.
     ///
     /// # Errors
-    /// [`SystemError`] if the matrix method does not support the model, such as one with a body without mass.
+    /// [`SystemError`] if the matrix method does not support the model, for example because of a body without mass.
     pub fn prepare(self, model: &Model) -> Result<ForwardDynamics, SystemError> {
         Ok(match self {
             Self::ArticulatedBody => ForwardDynamics::articulated_body(model),

@@ -41,8 +41,8 @@ impl Workspace {
     /// Masutani 1995 eq. (4.49) (whose second term lost a dot in print: `dĤ/dt + C`), extended to
     /// non-zero momentum and external wrenches. Positions and motion of `state` must be set.
     ///
-    /// The bias is computed by recursive Newton-Euler with the base moving at its true twist and held at zero
-    /// acceleration; the base's reaction to it is then eliminated like its inertia.
+    /// The bias is computed by recursive Newton-Euler with the base at its true twist and zero acceleration; the base's
+    /// reaction to the bias is then eliminated like its inertia.
     ///
     /// # Panics
     /// If a length does not fit the robot.
@@ -70,7 +70,7 @@ impl Workspace {
         solve_positive_definite(self.reduced.as_mut_slice(), qdd.as_mut_slice());
     }
 
-    /// Effort along coordinate `j` that the forces on the subtrees take.
+    /// Effort along coordinate `j` that the bias forces on the subtrees require.
     fn joint_effort(&self, j: usize) -> f64 {
         let of_joint = |k: usize| self.axis(k).effort(&self.bodies[k + 1].force);
         if !self.model.has_mimics() {
@@ -80,8 +80,8 @@ impl Workspace {
         members.map(|&(k, ratio)| ratio * of_joint(k)).sum()
     }
 
-    /// Newton's and Euler's equations of every body at its bias acceleration, less the external wrenches, then summed
-    /// from the tips: `force[b]` becomes the force on body `b`'s subtree.
+    /// Computes the force of Newton's and Euler's equations on every body at its bias acceleration, minus the external
+    /// wrenches, and sums from the tips: `force[b]` becomes the force on body `b`'s subtree.
     fn set_bias_forces(&mut self, input: &Input) {
         for (b, wrench) in input.wrenches.iter().enumerate() {
             let inertia = self.tree.bodies[b].inertia.rotated(&self.R_BK(b));
@@ -107,7 +107,7 @@ impl Workspace {
         }
     }
 
-    /// Sums the external wrenches and their power. Computes the motion of all bodies if there are any.
+    /// Sums the external wrenches and their power. If there are any, computes the motion of all bodies first.
     pub(super) fn set_external(&mut self, input: &Input, qd: &[f64]) {
         self.external = Wrench::ZERO;
         self.external_power = 0.0;
@@ -125,7 +125,7 @@ impl Workspace {
         }
     }
 
-    /// SpatialForce and torque (about the centre of mass) that the whole system's bias motion takes.
+    /// Force and torque (about the centre of mass) that the whole system's bias motion requires.
     fn base_reaction(&self) -> (Vector3<f64>, Vector3<f64>) {
         let at_com = self.bodies[0].force.shifted(&-self.p_BC);
         (at_com.force, at_com.torque)
@@ -158,7 +158,7 @@ impl Workspace {
                 let (p_PK, own) = (workspace.p_PK(j), workspace.axis(j).twist(qdd));
                 let (earlier, rest) = workspace.bodies.split_at_mut(j + 1);
                 let (parent, body) = (&earlier[workspace.tree.joints[j].parent], &mut rest[0]);
-                // The acceleration in excess of the bias propagates from body to body as a twist does.
+                // The acceleration in excess of the bias propagates from body to body like a twist.
                 let mut added = parent.acceleration - parent.bias;
                 added.linear += added.angular.cross(&p_PK);
                 body.acceleration = body.bias + added + own;
@@ -166,8 +166,8 @@ impl Workspace {
         });
     }
 
-    /// Acceleration of `frame` in the world, components in the base's axes: angular \[rad/s²\] and that of
-    /// the frame's origin as a point \[m/s²\] (needs [`Workspace::set_accelerations`]).
+    /// Acceleration of `frame` in the world, components in the base's axes: angular \[rad/s²\], and of the frame's
+    /// origin as a point \[m/s²\] (needs [`Workspace::set_accelerations`]).
     pub fn A_WF_B(&self, frame: &Frame) -> Twist {
         let r = self.p_KF(frame);
         let body = &self.bodies[frame.body];
@@ -185,7 +185,7 @@ fn solve_positive_definite(a: &mut [f64], b: &mut [f64]) {
     for i in 0..n {
         let (known, rest) = a.split_at_mut(i * n);
         let row = &mut rest[..=i];
-        // L D of this row; rows above hold L, and 1/D on the diagonal.
+        // L D of this row; the rows above contain L, and 1/D on the diagonal.
         for j in 1..i {
             let above = &known[j * n..j * n + j];
             let mut entry = row[j];

@@ -1,11 +1,11 @@
 //! The instruction set of each kernel, chosen by measurement once per process.
 //!
-//! Results have the same bits with every instruction set, so the choice decides on speed only. The widest is not always the
+//! Results are bit-identical with every instruction set, so the choice affects speed only. The widest is not always the
 //! fastest: the recursions over the links of one state are scalar, and a load of 64 bytes that spans several narrower
-//! stores has to wait until they have reached the cache. On Intel's processors with AVX-512 that makes forward dynamics of one
-//! state half as fast again with 256 bits; batches, which load what they have stored in the same width, gain by 512. AMD's
-//! processors differ. So on a processor with AVX-512 both widths are timed on a robot with six joints, which takes about a
-//! millisecond, when a kernel is first needed. All others have no choice.
+//! stores has to wait until they have reached the cache. On Intel's processors with AVX-512, forward dynamics of one
+//! state is therefore half as fast again with 256 bits; batches, which load with the width of their stores, are faster
+//! with 512 bits. AMD's processors differ. So on a processor with AVX-512, both widths are timed on a robot with six
+//! joints when a kernel is first needed, which takes about a millisecond. Other processors have no choice.
 
 use std::{
     fmt,
@@ -26,10 +26,10 @@ use crate::spatial::{Pose, RigidInertia};
 const ROUNDS: usize = 16;
 /// Evaluations per round.
 const EVALUATIONS: usize = 16;
-/// A narrower instruction set is chosen if it takes at most this share of the time of the widest.
+/// A narrower instruction set is chosen if it takes at most this fraction of the time of the widest.
 const WORTHWHILE: f64 = 0.95;
 
-/// The instruction sets that the kernels use on this processor. Which they are does not change results.
+/// The instruction sets that the kernels use on this processor. The choice does not change results.
 ///
 /// ```
 /// // "positions AVX2, forward dynamics AVX2, batches AVX2" on a processor without AVX-512
@@ -115,7 +115,7 @@ fn narrower_than(_: Arch) -> Option<Arch> {
 /// difference.
 fn faster(widest: Arch, narrower: Arch, mut time: impl FnMut(Arch) -> Duration) -> Arch {
     let mut fastest = [Duration::MAX; 2];
-    // In turns, so that other load on the machine affects both.
+    // Alternating, so that other load on the machine affects both.
     for _ in 0..ROUNDS {
         for (fastest, arch) in fastest.iter_mut().zip([widest, narrower]) {
             *fastest = time(arch).min(*fastest);
@@ -141,7 +141,7 @@ impl Positions {
         Self {
             workspace: Workspace::with_instruction_set(model, Arch::Scalar),
             jacobian: Matrix6xX::zeros(model.dof()),
-            // The last, after those of the bodies.
+            // The last frame, after those of the bodies.
             tip: model.frames()[JOINTS + 1].clone(),
         }
     }
@@ -245,7 +245,8 @@ fn arm() -> Model {
 mod tests {
     use super::*;
 
-    // Fails if the slower one is chosen, one noisy round decides, or a difference within the noise gives up the wider one.
+    // Fails if the slower one is chosen, if one noisy round decides, or if a difference within the noise rejects the
+    // wider one.
     #[test]
     fn the_fastest_round_decides_and_the_widest_wins_if_in_doubt() {
         let (widest, narrower) = (Arch::new(), Arch::Scalar);

@@ -39,7 +39,7 @@ impl IntegrationMethod {
 /// Efforts and wrenches as a function of time and state, evaluated at every stage of a step. A sampled controller,
 /// which holds its efforts over a step, ignores both arguments.
 pub trait Forcing {
-    /// Writes efforts and wrenches for `state` at `time` \[s\]; `input` holds the values of the last call.
+    /// Writes efforts and wrenches for `state` at `time` \[s\]; `input` initially holds the values of the last call.
     fn apply(&mut self, time: f64, state: &State, input: &mut Input);
 }
 
@@ -51,7 +51,7 @@ impl<F: FnMut(f64, &State, &mut Input)> Forcing for F {
 
 /// Steps a [`State`]; owns the memory of the stages. Attitude is integrated on the rotation group (Munthe-Kaas: the
 /// coordinate is the rotation vector since the start of the step), so any tableau keeps its order and the quaternion
-/// needs no correction. Momentum is state, so without external wrenches it does not change by a single bit.
+/// needs no correction. Momentum is part of the state: without external wrenches it does not change at all, bit by bit.
 ///
 /// The tableau integrates smooth motion. Steps in which a joint's damping, friction or limits act are integrated by an
 /// exponential collocation method of order 4 (tableaus of up to four stages) or 8, see [`JointPhysics`].
@@ -78,7 +78,7 @@ impl Integrator {
         Self::with_loops(Loops::none(model), tableau)
     }
 
-    /// An integrator for the robot of `loops`, whose states are projected onto the closed loops at every stage. The
+    /// An integrator for a robot with closed loops, whose states are projected onto the constraints at every stage. The
     /// first state must be assembled ([`Loops::assemble`]).
     pub fn with_loops(loops: Loops, tableau: &'static Tableau) -> Self {
         let model = loops.model.clone();
@@ -101,7 +101,7 @@ impl Integrator {
     }
 
     /// The same integrator, with forward dynamics by another formulation. Closed loops always use the reduced form,
-    /// whose inertia is their metric.
+    /// because the reduced inertia is the metric of their projection.
     ///
     /// # Errors
     /// [`SystemError`] as [`FormulationKind::prepare`].
@@ -121,7 +121,7 @@ impl Integrator {
     }
 
     /// Evaluates the equations of motion at `state` under `input`. If there are closed loops or external wrenches,
-    /// `workspace` has positions and motion of the state afterwards.
+    /// `workspace` holds positions and motion of the state afterwards.
     pub(super) fn evaluate(&mut self, state: &State, workspace: &mut Workspace, input: &Input) {
         let Some(stepper) = &mut self.stepper else {
             self.equations.evaluate(state, workspace, input);
@@ -138,7 +138,7 @@ impl Integrator {
         stepper.evaluate(state, &mut acting);
     }
 
-    /// In which steps joints do more than the tableau integrates.
+    /// The steps for which the tableau is not sufficient because of the joints.
     pub(super) fn joint_steps(&self) -> JointSteps {
         match &self.stepper {
             None => JointSteps::Never,
@@ -147,14 +147,14 @@ impl Integrator {
         }
     }
 
-    /// Whether an explicit step from `start` to `end` (positions and rates of the joints) is right, since the joints do
-    /// nothing in it that only [`Integrator::step`] knows.
+    /// Whether an explicit step from `start` to `end` (positions and rates of the joints) is valid, because the joints
+    /// reach no limit in it.
     #[cfg(feature = "batch")]
     pub(super) fn is_free(&self, start: (&[f64], &[f64]), end: (&[f64], &[f64]), dt: f64) -> bool {
         (self.stepper.as_ref()).is_none_or(|stepper| stepper.is_free(start, end, dt))
     }
 
-    /// The tableau, if lanes compute the same steps, up to those in which a joint reaches a limit.
+    /// The tableau, if SIMD lanes can compute the same steps, except those in which a joint reaches a limit.
     #[cfg(feature = "batch")]
     pub(super) fn lane_tableau(&self) -> Option<&'static Tableau> {
         let equations = &self.equations;
@@ -178,9 +178,9 @@ impl Integrator {
         &mut self.equations.loops
     }
 
-    /// Advances `state` by `dt` \[s\], with `forcing` evaluated at every stage. Afterwards `workspace` has positions
-    /// and motion of the new state. A negative `dt` goes back in time, without friction and limits, since a joint that they
-    /// have stopped cannot be told from a joint that was at rest.
+    /// Advances `state` by `dt` \[s\], with `forcing` evaluated at every stage. Afterwards `workspace` holds positions
+    /// and motion of the new state. A negative `dt` goes back in time, without friction and limits: a joint that they
+    /// have stopped cannot be distinguished from a joint that was at rest.
     ///
     /// # Panics
     /// If `state` or `workspace` is of another robot, or `forcing` changes the length of a vector.
@@ -194,7 +194,8 @@ impl Integrator {
         self.steps(state, workspace, dt, 1, forcing);
     }
 
-    /// `count` steps of `dt` \[s\], bit-identical to single ones; `workspace` is updated only after the last.
+    /// Takes `count` steps of `dt` \[s\], bit-identical to single steps; `workspace` is updated only after the last
+    /// one.
     ///
     /// # Panics
     /// As [`Integrator::step`].
@@ -209,7 +210,7 @@ impl Integrator {
         self.steps_from(state, workspace, dt, count, false, forcing);
     }
 
-    /// Sets the input that forcing finds at the next stage.
+    /// Sets the input that the forcing receives at the next stage.
     pub(super) fn set_input(&mut self, input: &Input) {
         self.input.copy_from(input);
     }
@@ -220,8 +221,8 @@ impl Integrator {
         &self.input
     }
 
-    /// [`Integrator::steps`]; if `is_evaluated`, the last evaluation was at `state` under the input of the first
-    /// stage, and is used for it.
+    /// [`Integrator::steps`]. If `is_evaluated`, the last evaluation was at `state` under the input of the first stage,
+    /// and is reused.
     pub(super) fn steps_from(
         &mut self,
         state: &mut State,
@@ -354,17 +355,17 @@ impl Integrator {
     }
 }
 
-/// The end of a stage: its rate, and the state of the next stage or of the end of the step; `pulp` compiles it for every
-/// instruction set.
+/// End of a stage: computes its rate, and the state of the next stage or of the end of the step. `pulp` compiles it for
+/// every instruction set.
 struct StageEnd<'a> {
     tableau: &'static Tableau,
-    /// One per stage up to this one.
+    /// Rates of the stages up to this one.
     rates: &'a mut [Rate],
     evaluation: &'a Evaluation,
     mass: f64,
     /// State at the start of the step.
     start: &'a State,
-    /// State of this stage (except of the first, which is `start`), then that of the next.
+    /// State of this stage on input (for the first stage, `start` instead), state of the next one on output.
     stage: &'a mut State,
     /// Rotation vector from `start` to this stage.
     turned: Vector3<f64>,

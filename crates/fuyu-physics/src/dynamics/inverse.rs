@@ -36,9 +36,10 @@ impl InverseDynamics {
         }
     }
 
-    /// Actuator efforts \[N m or N\] for joint accelerations `qdd` while the base accelerates with `A_WB_B` (its
-    /// origin as a point; base axes). Springs, dampers and `wrenches` (one per body, about its frame's origin in its
-    /// axes) act as well; an empty slice means none. Returns the wrench that the base needs, about its frame's origin in its axes.
+    /// Actuator efforts \[N m or N\] for joint accelerations `qdd` while the base accelerates with `A_WB_B` (its origin
+    /// as a point; base axes). Springs, dampers and `wrenches` (one per body, about its frame's origin in its axes; an
+    /// empty slice means none) act as well. Returns the wrench that the base needs, about its frame's origin in its
+    /// axes.
     ///
     /// # Panics
     /// If the length of a slice does not fit the robot.
@@ -53,7 +54,7 @@ impl InverseDynamics {
         self.evaluate(motion, Some(A_WB_B), qdd, wrenches, efforts)
     }
 
-    /// [`InverseDynamics::efforts`] for a free base. Returns its acceleration: angular \[rad/s²\] and that of its
+    /// [`InverseDynamics::efforts`] for a free base. Returns the base's acceleration: angular \[rad/s²\], and of its
     /// frame's origin as a point \[m/s²\], base axes.
     ///
     /// # Panics

@@ -20,9 +20,8 @@ impl Workspace {
         self.add_fixed_base_jacobian(frame, out);
     }
 
-    /// Generalized Jacobian `[Ĵ_L; Ĵ_A]` (6 × n, linear rows first): inertial velocity of `frame`'s
-    /// origin in base axes per unit joint rate, base reaction included, at zero momentum.
-    /// Masutani 1995 eqs. (4.36), (4.37).
+    /// Generalized Jacobian `[Ĵ_L; Ĵ_A]` (6 × n, linear rows first): inertial velocity of `frame`'s origin in base axes
+    /// per unit joint rate, including the base's reaction, at zero momentum. Masutani 1995 eqs. (4.36), (4.37).
     ///
     /// # Panics
     /// If `out` does not have one column per joint.
@@ -30,7 +29,7 @@ impl Workspace {
         checks::frame(frame, &self.model);
         checks::joint_vector("out", out.ncols(), &self.model);
         if self.model.has_mimics() {
-            // The base's motion, then that of the joints.
+            // First the base's motion, then that of the joints.
             let r_CE = self.p_KF(frame) + self.p_BK(frame.body) - self.p_BC;
             for (j, column) in out
                 .as_mut_slice()

@@ -213,8 +213,8 @@ fn all_formulations_agree_on_accelerations() {
     }
 }
 
-/// The accelerations are those of the free tree under the forces of the couplings, which do no work: `Sᵀ τ_t` is what
-/// actuators, springs and dampers give. This shares neither the gathering of matrices nor that of passive efforts.
+/// The accelerations equal those of the free tree under the coupling forces, which do no work: `Sᵀ τ_t` is the effort
+/// of actuators, springs and dampers. This check shares neither the gathering of matrices nor that of passive efforts.
 #[test]
 fn accelerations_are_those_of_the_free_tree_under_coupling_forces() {
     let (s, _) = coupling();
@@ -239,7 +239,7 @@ fn accelerations_are_those_of_the_free_tree_under_coupling_forces() {
             q,
             qd,
         };
-        // Actuator efforts that the free tree needs for these accelerations; its springs and dampers act as well.
+        // Actuator efforts that the free tree needs for these accelerations, in addition to its springs and dampers.
         let tree_qdd = &s * &qdd;
         let mut efforts = vec![0.0; 6];
         let at = motion(free_state.q.as_slice(), free_state.qd.as_slice());
@@ -307,8 +307,8 @@ fn motion_conserves_momentum_and_energy() {
     );
 }
 
-/// A gear train in line: with an immense base, a torque `τ` on the first of two flywheels gives it `τ / (I_1 + n² I_2)`, and
-/// the gear has the torque `n I_2` times that on the second.
+/// A gear train in line: with an immense base, a torque `τ` on the first of two flywheels accelerates it by `τ / (I_1 +
+/// n² I_2)`, and the gear has the torque `n I_2` times the acceleration of the second.
 #[test]
 fn reflected_inertia_of_a_gear_train() {
     let wheel = |inertia: f64| RigidInertia {

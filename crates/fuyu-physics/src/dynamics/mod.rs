@@ -1,16 +1,17 @@
 //! Kinematics, momentum, generalized Jacobian and forward dynamics of a free-floating tree of bodies.
 //!
-//! Momentum is part of the state. A [`State`] has the joint positions and rates, the base attitude, the system's
+//! Momentum is part of the state. A [`State`] contains the joint positions and rates, the base attitude, the system's
 //! centre of mass and its linear and angular momentum. The base twist follows from them algebraically (Masutani 1995
-//! eq. (4.23), with the momentum term that the thesis omits because it assumes zero). So free motion conserves
+//! eq. (4.23), with the momentum term that the thesis omits because it assumes zero momentum). So free motion conserves
 //! momentum up to rounding errors at any step size; only external wrenches change it.
 //!
-//! [`Workspace::set_positions`] computes everything that depends on joint positions alone: fixed-base and generalized
-//! Jacobians, base map, reduced inertia and frame poses can then be read. [`Workspace::set_motion`] adds what depends
-//! on rates and momentum: body twists, energy, and momentum summed over the bodies. Forward dynamics is a
-//! [`Formulation`] ([`FormulationKind`] lists them; the default, by articulated bodies, is the fastest);
-//! [`InverseDynamics`] is the inverse. [`Integrator`] steps a state. [`Floating`] combines them for one robot, `Batch`
-//! for thousands of states of one robot. [`Loops`] adds closed loops. Steps and evaluations do not allocate.
+//! [`Workspace::set_positions`] computes all quantities that depend on joint positions alone: fixed-base and
+//! generalized Jacobians, base map, reduced inertia and frame poses can then be read. [`Workspace::set_motion`] adds
+//! quantities that depend on rates and momentum: body twists, energy, and momentum summed over the bodies. Forward
+//! dynamics is a [`Formulation`] ([`FormulationKind`] lists them; the default, the articulated-body algorithm, is the
+//! fastest); [`InverseDynamics`] is the inverse. [`Integrator`] steps a state. [`Floating`] combines them for one
+//! robot, `Batch` for thousands of states of one robot. [`Loops`] adds closed loops. Steps and evaluations do not
+//! allocate.
 //!
 //! # Conventions
 //!
@@ -18,11 +19,12 @@
 //!   ([`Twist::new`](crate::spatial::Twist::new)). Jacobians and the base map are 6 × n matrices with the linear rows
 //!   first, as in the thesis.
 //! - Vectors of joints have the order of [`Model::joints`](crate::model::Model::joints).
-//! - Everything is made from a [`Model`](crate::model::Model) and keeps it; all share one copy of the model and of its
+//! - Everything is made from a [`Model`](crate::model::Model) and keeps it; all objects share one copy of the model and
+//! of its
 //!   compiled kinematic tree. Arguments are references, unless the callee keeps them; results are values or written to
 //!   `out`.
-//! - A vector of the wrong length, or an object of another robot, is a mistake in the program: it panics with a message
-//!   that names the argument. Problems of the data (a description, closures that cannot be closed) are `Result`s.
+//! - A vector of the wrong length, or an object of another robot, is a programming error: it panics with a message
+//!   that names the argument. Errors in the data (a description, closures that cannot be closed) are `Result`s.
 //!
 //! ```
 //! use fuyu_physics::dynamics::{Input, IntegrationMethod, Integrator, State, Workspace};

@@ -1,4 +1,4 @@
-//! Momentum map and base map: how the base reacts to the joints.
+//! Momentum map and base map: the base's reaction to the joints.
 
 use nalgebra::{DVector, Matrix6xX, Vector3};
 
@@ -24,8 +24,8 @@ impl Workspace {
         Twist::new(angular, v_com - angular.cross(&self.p_BC))
     }
 
-    /// Momentum (base axes) of the system whose base frame moves with `V_WB_B` while the joints move
-    /// with `qd`: eq. (4.13). The inverse of [`Workspace::base_twist`].
+    /// Momentum (base axes) of the system for the base twist `V_WB_B` and joint rates `qd`: eq. (4.13). The inverse of
+    /// [`Workspace::base_twist`].
     ///
     /// # Panics
     /// If `qd` does not have one element per joint.
@@ -71,9 +71,9 @@ impl Workspace {
         self.carried_momentum_and_scale().0
     }
 
-    /// Scale of the momentum's rounding error: the sums of the magnitudes of the bodies' linear momenta \[N s\] and
-    /// of their angular momenta \[N m s\], about the system's centre of mass and relative to its velocity. The
-    /// system's momentum is what is left after they cancel; if it is larger, it is the scale itself.
+    /// Scale of the momentum's rounding error: the sums of the magnitudes of the bodies' linear momenta \[N s\] and of
+    /// their angular momenta \[N m s\], about the system's centre of mass and relative to its velocity. The bodies'
+    /// momenta may cancel in the system's momentum; if the latter is larger, it is the scale.
     pub fn momentum_scale(&self) -> (f64, f64) {
         self.carried_momentum_and_scale().1
     }
@@ -86,7 +86,7 @@ impl Workspace {
             let R_0B = X_0B.rotation.matrix();
             let spin = R_0B * (inertia.about_com * R_0B.tr_mul(&terms.twist.angular));
             let linear = self.v_com(b, &X_0B, inertia) * inertia.mass;
-            // The common motion carries no angular momentum about the centre of mass.
+            // The velocity of the centre of mass contributes no angular momentum about the centre of mass.
             let own = linear - self.v_WC * inertia.mass;
             let arm = R_0B * inertia.com + X_0B.translation.vector - self.p_BC;
             let angular = spin + arm.cross(&own);

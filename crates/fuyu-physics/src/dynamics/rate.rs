@@ -35,7 +35,7 @@ impl Rate {
         }
     }
 
-    /// The numbers of a state whose rates these are, in the order of [`Rate::number`]. The rotation vector counts as 1.
+    /// The numbers of a state, in the order of their rates in [`Rate::number`]. The rotation vector counts as 1.
     pub(super) fn values(state: &State) -> impl Iterator<Item = f64> {
         let m = &state.momentum_W;
         let vectors = [&state.p_WC, &m.linear, &m.angular];
@@ -59,7 +59,8 @@ impl Rate {
         }
     }
 
-    /// From the equations of motion at `state`; `turned` is the rotation vector since the start of the step.
+    /// Sets the rate from the equations of motion at `state`; `turned` is the rotation vector since the start of the
+    /// step.
     #[inline(always)]
     pub(super) fn set(
         &mut self,
@@ -80,14 +81,15 @@ impl Rate {
         self.qd.as_mut_slice().copy_from_slice(qdd);
     }
 
-    /// Power that the joints' damping takes \[W\].
+    /// Power dissipated by the joints' damping \[W\].
     fn damping_power(&self, joints: &[Joint]) -> f64 {
         let rates = joints.iter().zip(&self.q);
         rates.map(|(joint, qd)| joint.damping * qd * qd).sum()
     }
 }
 
-/// Energy that the joints' damping takes in a step of `dt` \[s\] with these `rates` and `weights` of its stages \[J\].
+/// Energy dissipated by the joints' damping in a step of `dt` \[s\] with these `rates` and `weights` of its stages
+/// \[J\].
 pub(super) fn damping_loss(rates: &[Rate], weights: &[f64], joints: &[Joint], dt: f64) -> f64 {
     let powers = rates.iter().map(|rate| rate.damping_power(joints));
     let lost: f64 = powers.zip(weights).map(|(power, b)| power * b).sum();
@@ -131,7 +133,7 @@ pub(super) fn advance(
     turned
 }
 
-/// Rate of the rotation vector `turned` of a body that turns with `w_WB_B`.
+/// Rate of the rotation vector `turned` of a body with angular velocity `w_WB_B`.
 #[inline(always)]
 pub(super) fn turn_rate(turned: &Vector3<f64>, w_WB_B: &Vector3<f64>) -> Vector3<f64> {
     if turned.norm_squared() <= SERIES_LIMIT {

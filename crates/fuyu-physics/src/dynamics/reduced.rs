@@ -35,8 +35,8 @@ impl Formulation for Reduced {
 }
 
 impl Workspace {
-    /// Reduced inertia `Ĥ` (n × n): joint-space inertia with a free base.
-    /// Masutani 1995 eq. (4.48); `H_q` of eq. (4.46) by composite bodies.
+    /// Reduced inertia `Ĥ` (n × n): joint-space inertia with a free base. Masutani 1995 eq. (4.48), with `H_q` of eq.
+    /// (4.46) from composite inertias.
     pub fn reduced_inertia(&mut self) -> &DMatrix<f64> {
         self.set_reduced_inertia();
         self.reduced.fill_lower_triangle_with_upper_triangle();
@@ -77,8 +77,8 @@ impl Workspace {
         let n = self.tree.dof();
         for j in 0..n {
             let column = self.joints.column(j);
-            // The momentum that joint j alone gives to the free-floating system, in terms of which the
-            // base's share of every pair (i, j) is one dot product: m J_Cᵀ J_C + H_Mᵀ H_B⁻¹ H_M.
+            // Momentum of the free-floating system due to joint j alone. With it, the base's contribution to every pair
+            // (i, j) is one dot product: m J_Cᵀ J_C + H_Mᵀ H_B⁻¹ H_M.
             let (mut torque, force) = (
                 column.angular_momentum.0.into(),
                 Vector3::from(column.linear_momentum.0),
@@ -90,7 +90,7 @@ impl Workspace {
                 let (H_M, J_C) = (Vector3::from(other.H_M.0), Vector3::from(other.J_C.0));
                 *entry = H_M.dot(&answer) - J_C.dot(&force);
             }
-            // Effort that the motion of joint j's subtree demands of each joint that supports it.
+            // Effort that the motion of joint j's subtree requires of each joint that supports it.
             let mut i = j;
             loop {
                 let taken = self.axis(i).effort(&Wrench { torque, force });

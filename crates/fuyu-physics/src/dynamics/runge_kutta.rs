@@ -2,9 +2,9 @@
 
 use super::Tableau;
 
-/// Steps `x' = f(x)` for a vector `x` of fixed length; owns the stage memory. It corrects nothing: a
-/// quaternion in `x` is not renormalised, a constraint not restored. [`super::Integrator`] is the one that knows
-/// a robot's state.
+/// Steps `x' = f(x)` for a vector `x` of fixed length; owns the stage memory. It makes no corrections: a quaternion in
+/// `x` is not normalised, and a constraint is not restored. [`super::Integrator`] is the integrator for a robot's
+/// state.
 #[derive(Debug, Clone)]
 pub struct RungeKutta {
     tableau: &'static Tableau,
@@ -59,8 +59,8 @@ fn add_weighted(x: &mut [f64], rates: &[f64], weights: &[f64], dt: f64) {
 mod tests {
     use super::*;
 
-    /// A nonlinear system with a known solution, `x = tan t`, `y = exp(tan t)`. A stage that starts from the
-    /// wrong state or takes the wrong rate loses the order.
+    /// A nonlinear system with a known solution, `x = tan t`, `y = exp(tan t)`. Fails if a stage starts from the wrong
+    /// state or uses the wrong rate, which reduces the order.
     #[test]
     fn halving_the_step_shows_the_order() {
         let error = |tableau, steps: u32| {

@@ -43,24 +43,24 @@ pub struct State {
     pub q: DVector<f64>,
     /// Joint rates \[rad/s or m/s\].
     pub qd: DVector<f64>,
-    /// Work done on the system since the start by joint efforts, springs, dampers, friction, stops, speed limits and external
-    /// wrenches \[J\]. Kinetic energy minus work is constant.
+    /// Work done on the system since the start by joint efforts, springs, dampers, friction, stops, speed limits and
+    /// external wrenches \[J\]. Kinetic energy minus work is constant.
     pub work: f64,
-    /// What the joints have taken of this work, by cause. It is part of `work`: actuators, springs and external wrenches
-    /// have done `work + dissipated.total()`.
+    /// Energy dissipated by the joints, by cause, which `work` contains with a negative sign: actuators, springs and
+    /// external wrenches have done `work + dissipated.total()`.
     pub dissipated: Dissipated,
 }
 
 /// Energy that the joints have dissipated since the start, by cause \[J\].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Dissipated {
-    /// By viscous damping.
+    /// Loss by viscous damping.
     pub damping: f64,
-    /// By Coulomb friction.
+    /// Loss by Coulomb friction.
     pub friction: f64,
-    /// By impacts on stops.
+    /// Loss by impacts on stops.
     pub stops: f64,
-    /// By drives that brake joints to their speed limits.
+    /// Loss by drives that brake joints to their speed limits.
     pub velocity_limits: f64,
 }
 
@@ -74,19 +74,19 @@ impl AddAssign for Dissipated {
 }
 
 impl Dissipated {
-    /// All of it \[J\].
+    /// Sum of all losses \[J\].
     pub fn total(&self) -> f64 {
         self.damping + self.friction + self.stops + self.velocity_limits
     }
 }
 
 impl State {
-    /// At rest with all joints at zero, the base frame at the world's origin with its axes.
+    /// A state at rest with all joints at zero, with the base frame at the world's origin and along its axes.
     pub fn at_rest(model: &Model) -> Self {
         Self::at_rest_with(model, &DVector::zeros(model.dof()))
     }
 
-    /// At rest at joint positions `q`, the base frame at the world's origin with its axes.
+    /// A state at rest at joint positions `q`, with the base frame at the world's origin and along its axes.
     ///
     /// # Panics
     /// If `q` does not have one element per joint.

@@ -9,9 +9,9 @@ use super::State;
 /// Largest deviation of an attitude quaternion's norm from one.
 const NORM_TOLERANCE: f64 = 1e-6;
 
-/// Where the numbers of a [`State`] are in a row: time, joint positions, joint rates, attitude of the base (x, y, z, w), centre of
-/// mass, linear momentum, angular momentum, work, and what the joints have dissipated by damping, friction, stops and
-/// speed limits. Units and frames are those of [`State`].
+/// Layout of a [`State`] in a row: time, joint positions, joint rates, attitude of the base (x, y, z, w), centre of
+/// mass, linear momentum, angular momentum, work, and energy dissipated by damping, friction, stops and speed limits.
+/// Units and frames are those of [`State`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StateRow {
     dof: usize,
@@ -25,7 +25,7 @@ pub enum RowError {
     NotFinite {
         /// Number of the row.
         row: usize,
-        /// Which quantity.
+        /// The quantity.
         quantity: String,
         /// Its value.
         value: f64,
@@ -66,7 +66,7 @@ impl StateRow {
         false
     }
 
-    /// Names and places of the quantities.
+    /// Names and index ranges of the quantities.
     pub fn parts(self) -> [(&'static str, Range<usize>); 9] {
         let n = self.dof;
         let mut end = 0;
@@ -114,7 +114,7 @@ impl StateRow {
         ]);
     }
 
-    /// Reads `row` into `state`, as it is: [`StateRow::check`] has found it valid.
+    /// Reads `row` into `state` without checks: [`StateRow::check`] must have accepted the row.
     ///
     /// # Panics
     /// If the row or the state has another length.
@@ -137,7 +137,7 @@ impl StateRow {
         (lost.stops, lost.velocity_limits) = (base[16], base[17]);
     }
 
-    /// Refuses rows that are not states; the first is number `first`.
+    /// Refuses rows that are not states; `first` is the number of the first row.
     ///
     /// # Errors
     /// [`RowError`] of the first wrong number.
@@ -168,7 +168,7 @@ impl StateRow {
         Ok(())
     }
 
-    /// The number at `at` in words, such as `q[2]`.
+    /// Name of the number at index `at`, such as `q[2]`.
     fn name_of(self, at: usize) -> String {
         let parts = self.parts();
         let found = parts.into_iter().find(|(_, place)| place.contains(&at));
@@ -179,7 +179,7 @@ impl StateRow {
     }
 }
 
-/// Refuses efforts that are not finite; they are one row per state, the first of state `first`.
+/// Refuses efforts that are not finite. There is one row per state, starting with state number `first`.
 #[cfg(feature = "batch")]
 pub(super) fn check_efforts(
     model: &crate::model::Model,

@@ -22,10 +22,10 @@ impl Tableau {
         c: &[0.0, 0.5, 0.5, 1.0],
     };
 
-    /// The method of order 4 of S. Gill (A process for the step-by-step integration of differential equations in
-    /// an automatic digital computing machine, Proc. Cambridge Phil. Soc. 47, 1951, pp. 96-108). Its truncation
-    /// error differs from that of [`Tableau::RK4`], which matters when a published table that was made with it is
-    /// repeated.
+    /// The method of order 4 of S. Gill (A process for the step-by-step integration of differential equations in an
+    /// automatic digital computing machine, Proc. Cambridge Phil. Soc. 47, 1951, pp. 96-108). Its truncation error
+    /// differs from that of [`Tableau::RK4`], which matters for reproducing a published table that was computed with
+    /// it.
     pub const RK_GILL: Self = Self {
         a: &[
             &[],
@@ -158,7 +158,7 @@ impl Tableau {
         ],
     };
 
-    /// Weights that lead from the stages up to `i` to the next stage, or to the end of the step.
+    /// Weights of the stages up to `i` for the next stage, or for the end of the step.
     #[inline(always)]
     pub(super) fn weights_after(&self, i: usize) -> &'static [f64] {
         self.a.get(i + 1).copied().unwrap_or(self.b)
@@ -177,7 +177,7 @@ mod tests {
                 let scale: f64 = row.iter().map(|x| x.abs()).sum::<f64>().max(1.0);
                 assert!((row.iter().sum::<f64>() - c).abs() < 1e-15 * scale);
             }
-            // A wrong digit in b or c breaks: sum b c^k = 1/(k+1) for k < order.
+            // Fails for a wrong digit in b or c: sum b c^k = 1/(k+1) for k < order.
             for k in 0..order {
                 let sum: f64 = tableau
                     .b
@@ -193,8 +193,8 @@ mod tests {
         }
     }
 
-    /// The conditions of order 3 and 4 that contain `a`: a wrong digit in a row that still sums to its node
-    /// breaks one of them.
+    /// The conditions of order 3 and 4 that contain `a`: a wrong digit in a row that still sums to its node violates
+    /// one of them.
     #[test]
     fn stage_coefficients_have_the_order() {
         for tableau in [Tableau::RK4, Tableau::RK_GILL, Tableau::DOP8] {

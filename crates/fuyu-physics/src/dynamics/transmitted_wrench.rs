@@ -5,12 +5,12 @@ use crate::model::Frame;
 use crate::spatial::{Pose, Wrench};
 
 impl Floating {
-    /// Wrench that body `b` and all bodies beyond it exert on the rest of the robot through the body's joint: torque about
-    /// the base's origin \[N m\] and force \[N\], base axes. `wrenches` act on the bodies from outside, each about its body's
-    /// origin in the body's axes.
+    /// Wrench that body `b` and its subtree exert on the rest of the robot through the body's joint: torque about the
+    /// base's origin \[N m\] and force \[N\], base axes. `wrenches` are external ones on the bodies, each about its
+    /// body's origin in the body's axes.
     ///
-    /// It is what the rest's momentum gains and `wrenches` do not give (Newton's and Euler's laws for each body of the rest), so
-    /// it is right whatever the bodies beyond hold or touch. Needs the accelerations of this instant
+    /// It is the rate of momentum of the rest minus `wrenches` on it (Newton's and Euler's laws for each body of the rest),
+    /// so it is also valid while the subtree holds or touches other bodies. Needs the accelerations of this instant
     /// ([`Floating::accelerations`]).
     ///
     /// # Panics

@@ -10,9 +10,8 @@ use crate::spatial::Twist;
 /// Layout of the state vector that TR-942 integrates: base position, base attitude as a quaternion
 /// `w x y z`, joint positions; then base velocity and angular velocity, joint rates. World axes; the base is its
 /// frame's origin.
-///
-/// Momentum and the norm of the quaternion are conserved only to the integrator's accuracy; use
-/// [`State`](super::State) unless you test a formulation that computes accelerations only, or repeat results that were
+/// Momentum and the norm of the quaternion are conserved only to the integrator's accuracy. Use [`State`](super::State)
+/// except to test a formulation that computes accelerations only, or to reproduce results published with this state.
 /// published with this state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct VectorState {
@@ -25,7 +24,7 @@ impl VectorState {
         Self { n: model.dof() }
     }
 
-    /// Entries of the vector.
+    /// Length of the vector.
     pub fn length(self) -> usize {
         13 + 2 * self.n
     }
@@ -60,7 +59,7 @@ impl VectorState {
         13 + self.n..13 + 2 * self.n
     }
 
-    /// At rest at joint positions `q`, the base frame at the world's origin with its axes.
+    /// A state at rest at joint positions `q`, with the base frame at the world's origin and along its axes.
     pub fn at_rest_with(self, q: &[f64]) -> Vec<f64> {
         let mut x = vec![0.0; self.length()];
         x[self.quaternion().start] = 1.0;
@@ -82,7 +81,7 @@ impl VectorState {
         }
     }
 
-    /// Writes the rate of change of `x` under `input`, by `formulation`; `scratch` receives the accelerations.
+    /// Writes the rate of change of `x` under `input`, computed by `formulation`; `scratch` receives the accelerations.
     pub fn rate(
         self,
         formulation: &mut impl Formulation,

@@ -11,9 +11,8 @@ use super::{InstructionSets, State, checks};
 use crate::model::{Frame, Model};
 use crate::spatial::{Pose, Symmetric3, Twist, Wrench};
 
-/// Kinematics and dynamics terms of one robot, in preallocated memory. Fill it with
-/// [`Workspace::set_positions`] and [`Workspace::set_motion`], then read. Components are in base axes unless a
-/// name says otherwise.
+/// Kinematics and dynamics terms of one robot, in preallocated memory. Fill it with [`Workspace::set_positions`] and
+/// [`Workspace::set_motion`], then read the results. Components are in base axes unless a name says otherwise.
 ///
 /// Methods panic if a vector or [`Frame`] does not fit the robot; the message names the argument.
 // Each body's twist and force are about the origin of its kernel frame (`super::kernel`), in base axes: going from
@@ -43,9 +42,9 @@ pub struct Workspace {
     pub(super) external_power: f64,
     /// `Ĥ`, upper triangle.
     pub(super) reduced: DMatrix<f64>,
-    /// `Ĥ` of all joints of the tree, upper triangle; empty without mimic joints.
+    /// `Ĥ` of all joints of the tree, including mimic joints, upper triangle; empty without mimic joints.
     pub(super) tree_reduced: DMatrix<f64>,
-    /// A value for each joint of the tree; empty without mimic joints.
+    /// Scratch: a value for each joint of the tree; empty without mimic joints.
     tree_values: Vec<f64>,
 }
 
@@ -53,12 +52,12 @@ pub struct Workspace {
 #[derive(Debug, Clone, Default)]
 pub(super) struct BodyTerms {
     pub(super) twist: Twist,
-    /// Acceleration while base and joints do not accelerate: centripetal and Coriolis terms. The linear
-    /// part is that of the origin as a point.
+    /// Acceleration while base and joints do not accelerate: centripetal and Coriolis terms. The linear part is that of
+    /// the origin as a point.
     pub(super) bias: Twist,
-    /// Acceleration, the linear part that of the origin as a point.
+    /// Acceleration; the linear part is that of the origin as a point.
     pub(super) acceleration: Twist,
-    /// SpatialForce that gives its subtree the bias acceleration, less the external wrenches.
+    /// Force that its subtree needs for the bias acceleration, minus the external wrenches.
     pub(super) force: Wrench,
 }
 
@@ -123,8 +122,8 @@ impl Workspace {
         &self.model
     }
 
-    /// Computes everything that depends on joint positions `q` alone: body poses, composite inertias,
-    /// centre of mass, momentum map. Returns at once if `q` has not changed since the last call.
+    /// Computes all quantities that depend on joint positions `q` alone: body poses, composite inertias, centre of
+    /// mass, momentum map. Returns at once if `q` has not changed since the last call.
     ///
     /// # Panics
     /// If `q` does not have one element per joint.
@@ -149,7 +148,7 @@ impl Workspace {
         self.tree_values = tree_q;
     }
 
-    /// Calls `use_rates` with the rates, or accelerations, of all joints of the tree.
+    /// Calls `use_rates` with the rates, or accelerations, of all joints of the tree, including mimic joints.
     pub(super) fn with_tree_rates(
         &mut self,
         rates: &[f64],
@@ -230,7 +229,7 @@ impl Workspace {
         &self.p_BC
     }
 
-    /// Columns of the momentum map of coordinate `j`: the sum over the joints that it moves.
+    /// Columns of the momentum map of coordinate `j`: the sum over the joints that the coordinate moves.
     pub(super) fn column(&self, j: usize) -> MomentumColumn<f64> {
         if !self.model.has_mimics() {
             return self.joints.column(j);
@@ -252,7 +251,7 @@ impl Workspace {
         }
     }
 
-    /// Origin of the kernel frame of the body that joint `j` of the tree moves, from that of its parent's.
+    /// Origin of the kernel frame of the body that joint `j` of the tree moves, relative to that of its parent.
     pub(super) fn p_PK(&self, j: usize) -> Vector3<f64> {
         self.p_BK(j + 1) - self.p_BK(self.tree.joints[j].parent)
     }
@@ -262,7 +261,7 @@ impl Workspace {
         Matrix3::from_columns(&self.joints.axes(body).map(|axis| axis.0.into()))
     }
 
-    /// Origin of a body's kernel frame from the base's.
+    /// Origin of a body's kernel frame relative to the base's.
     pub(super) fn p_BK(&self, body: usize) -> Vector3<f64> {
         self.joints.p_BK(body).0.into()
     }
@@ -279,7 +278,7 @@ impl Workspace {
         )
     }
 
-    /// `frame`'s origin from that of its body's kernel frame.
+    /// Origin of `frame` relative to its body's kernel frame.
     pub(super) fn p_KF(&self, frame: &Frame) -> Vector3<f64> {
         checks::frame(frame, &self.model);
         self.R_BK(frame.body) * self.tree.p_KF(frame)

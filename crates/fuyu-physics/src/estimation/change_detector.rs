@@ -1,43 +1,43 @@
 //! Detection of a change of the motion from the innovations of the filter.
 //!
-//! Two tests, both on innovations with unit covariance. Page's cumulative sum of their squares detects large changes
-//! within some frames. An exponentially weighted mean detects small ones: after a push the attitude drifts away from
-//! the prediction in a constant direction, while noise changes its sign from frame to frame. Errors of the body's
-//! structure are the same from frame to frame, too; so both tests are relative to the earlier level of the innovations.
+//! Two tests use the innovations, normalised to unit covariance. Page's cumulative sum of their squares detects large changes
+//! within some frames. An exponentially weighted mean detects small changes: after a push the attitude drifts away from the
+//! prediction in a constant direction, while noise changes its sign from frame to frame. Errors of the body's structure are
+//! also the same from frame to frame; so both tests are relative to the earlier level of the innovations.
 
 use nalgebra::Vector3;
 
 /// Allowance of the cumulative sum per frame, in units of the level.
 const ALLOWANCE: f64 = 1.0;
 
-/// The cumulative sum at which the motion has changed.
+/// Value of the cumulative sum above which the motion has changed.
 const SUM_LIMIT: f64 = 30.0;
 
-/// Weight of a frame in the mean, and the square of the mean over its variance at which the motion has changed. A
-/// chi-squared variable of three degrees of freedom exceeds it with a probability of 1e-8.
+/// Weight of a frame in the mean; and the squared mean over its variance above which the motion has changed. A
+/// chi-squared variable of three degrees of freedom exceeds this limit with a probability of 1e-8.
 const WEIGHT: f64 = 0.08;
 const MEAN_LIMIT: f64 = 40.0;
 
-/// Weight of a frame in the levels.
+/// Weight of a frame in the running levels.
 const LEVEL_WEIGHT: f64 = 0.002;
 
-/// An innovation counts in the levels with at most this many times the level.
+/// A squared innovation is clipped to this many times the level before it updates the level.
 const CLIP: f64 = 4.0;
 
 /// Number of frames before the first alarm.
 const WARM_UP: u32 = 20;
 
-/// A detector of changes.
+/// Detects a change of the motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChangeDetector {
-    /// Mean square of an innovation's component.
+    /// Running mean square of an innovation's component.
     level: f64,
-    /// Mean square of a component of the weighted mean, over its variance for independent innovations.
+    /// Running mean square of a component of the weighted mean, over its variance for independent innovations.
     mean_level: f64,
     sum: f64,
     mean: Vector3<f64>,
     frames: u32,
-    /// When the cumulative sum was zero last, and the mean was small last \[s\].
+    /// Last time at which both the cumulative sum and the weighted mean were small \[s\].
     quiet: f64,
 }
 
@@ -54,8 +54,8 @@ impl ChangeDetector {
         }
     }
 
-    /// Adds the innovation of a frame, with unit covariance and in inertial axes. Returns the time since which the
-    /// motion is another one, if it is.
+    /// Adds the innovation of a frame, in inertial axes, normalised to unit covariance. If the motion has changed,
+    /// returns the time since when \[s\].
     pub fn add(&mut self, time: f64, innovation: &Vector3<f64>) -> Option<f64> {
         self.frames = self.frames.saturating_add(1);
         let square = innovation.norm_squared() / 3.0;
@@ -72,7 +72,7 @@ impl ChangeDetector {
         }
         let follow = |level: f64, value: f64| {
             let clipped = value.min(CLIP * level);
-            // Never less than the expected value.
+            // Never below the expected value for pure noise.
             (level + LEVEL_WEIGHT * (clipped - level)).max(1.0)
         };
         self.level = follow(self.level, square);
@@ -80,8 +80,8 @@ impl ChangeDetector {
         None
     }
 
-    /// Takes over what another detector, of the same frames with an earlier solution, knows: a change that is about
-    /// to be detected must not be forgotten.
+    /// Takes over the counts of a detector that has seen the same frames with an earlier solution, so that a change
+    /// about to be detected is not forgotten.
     pub fn inherit(&mut self, before: &Self) {
         self.frames = self.frames.max(before.frames);
         self.level = self.level.max(before.level);
@@ -140,7 +140,7 @@ mod tests {
         assert!(frames.unwrap() < 5, "{frames:?}");
     }
 
-    /// A restart of the count with every batch solution would keep a change from being detected.
+    /// If the count restarted with every batch solution, a change would not be detected.
     #[test]
     fn a_new_solution_inherits_what_has_been_counted() {
         let mut before = ChangeDetector::new(0.0);

@@ -12,7 +12,7 @@ const COLLINEAR_RATIO: f64 = 4e-3;
 /// Points are collinear if their scatter across a line is less than this many standard deviations of a pixel.
 const COLLINEAR_NOISE: f64 = 3.0;
 
-/// Share of the frames that must be collinear, so that a few wrong points or frames do not decide.
+/// Least fraction of the frames that must be collinear, so that a few wrong points or frames do not decide.
 const MIN_SHARE: f64 = 0.9;
 
 /// Points that move by less than this many standard deviations of a pixel are at rest.

@@ -1,9 +1,9 @@
 //! Jacobi's elliptic functions and the integrals that free rotation needs. Masutani 1995 app. C.
 //!
 //! The modulus is `k` in [0, 1], stored with its complement `k' = √(1 - k²)`: near the separatrix `k` rounds to 1 while
-//! `k'` still determines the period. Functions are computed by the arithmetic-geometric mean
-//! (descending Landen transformation, in Bulirsch's form without inverse functions), integrals by Carlson's
-//! duplication (DLMF 19.36). No crate in the dependencies has sn, cn and dn.
+//! `k'` still determines the period. Functions are computed by the arithmetic-geometric mean (descending Landen
+//! transformation, in Bulirsch's form without inverse functions), integrals by Carlson's duplication (DLMF 19.36). No
+//! dependency provides sn, cn and dn.
 
 use std::f64::consts::PI;
 
@@ -151,8 +151,8 @@ impl Modulus {
         }
     }
 
-    /// `∫₀ᵘ ν sn² / (1 + ν sn²)`: `u` minus the incomplete integral of the third kind with characteristic
-    /// `-ν`, `ν ≥ 0`. It grows by a fixed amount in each half period, and vanishes with `ν`.
+    /// `∫₀ᵘ ν sn² / (1 + ν sn²)`: `u` minus the incomplete integral of the third kind with characteristic `-ν`, `ν ≥
+    /// 0`. The integral grows by a fixed amount in each half period, and vanishes with `ν`.
     pub fn third_kind_excess(&self, nu: f64, u: f64) -> f64 {
         let (reduced, half_periods) = self.reduce(u);
         let Jacobi { sn, cn, dn } = self.jacobi_reduced(reduced);
@@ -187,7 +187,8 @@ fn quarter_period(complement: f64) -> f64 {
 
 /// The modulus with `2 k K(k) = x`, eq. (2.32); `x ≥ 0`. `2 k K` grows without bound as `k` approaches 1.
 pub fn modulus_with_2kK(x: f64) -> Modulus {
-    // In terms of p = ln k' the function is nearly linear for k near 1; bisection needs no derivative and cannot fail.
+    // As a function of p = ln k', ln(2 k K) is nearly linear for k near 1; bisection needs no derivative and cannot
+    // fail.
     let of = |p: f64| {
         let complement = p.exp();
         let k_squared = -(2.0 * p).exp_m1();

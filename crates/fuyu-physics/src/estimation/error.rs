@@ -2,7 +2,7 @@
 
 use crate::vision::PinholeError;
 
-/// Why tracks do not determine a motion. Each message is one line that names the fault and what would be right.
+/// Why tracks do not determine a motion. Each message is one line that names the fault and the remedy.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EstimateError {
     /// The camera's calibration is invalid.
@@ -89,7 +89,7 @@ pub enum EstimateError {
         .rates[0], .rates[1]
     )]
     Ambiguous {
-        /// Angle that the body turned in the best of them \[rad\].
+        /// Angle that the body turned in the best of these motions \[rad\].
         turn: f64,
         /// Smallest and largest angular rate \[rad/s\].
         rates: [f64; 2],

@@ -1,9 +1,9 @@
 //! Recursive filter between batch solutions: an error-state Kalman filter of attitude, momentum and inertia.
 //!
 //! It starts from a batch [`Solution`] only, because its linearisation is not valid far from the truth. Its state
-//! ([`MotionState`]) consists of the constants of torque-free motion (momentum in inertial axes, and inertia ratios), the
-//! attitude, and the angular acceleration due to torques. The body's position in a frame is solved from that frame
-//! and discarded, as in the batch; the structure is that of the batch.
+//! ([`MotionState`]) consists of the constants of torque-free motion (momentum in inertial axes, and inertia ratios),
+//! the attitude, and the angular acceleration due to torques. The body's position in a frame is solved from that frame
+//! and discarded, as in the batch solution, which also provides the structure.
 
 use std::collections::HashMap;
 
@@ -23,9 +23,9 @@ const INLIER_GATE: f64 = 5.0;
 /// Unknowns of a frame's pose.
 const POSE_UNKNOWNS: usize = 6;
 
-/// A frame's residuals are larger than the noise if their mean square exceeds its expectation by this many standard
-/// deviations. The usual reason are errors of the points' positions. They are the same in the next frames, which
-/// therefore count together about as much as one.
+/// A frame's residuals exceed the noise if their mean square exceeds its expectation by this many standard deviations.
+/// The usual cause is errors of the points' positions, which are the same in the next frames; all such frames together
+/// then count about as much as one.
 const EXCESS_DEVIATIONS: f64 = 2.0;
 
 /// The filter. Its updates must be in the order of time.
@@ -55,8 +55,8 @@ pub struct Update {
     pub unknown: usize,
     /// Root mean square of the residual components after the update \[px\].
     pub rms: f64,
-    /// Difference of the attitude from the predicted one, with unit covariance, inertial axes. Zero if no point was
-    /// used.
+    /// Difference between measured and predicted attitude, normalised to unit covariance, in inertial axes. Zero if no
+    /// point was used.
     pub innovation: Vector3<f64>,
 }
 
@@ -67,7 +67,7 @@ impl Filter {
         let last = solution.poses.last()?;
         let mut state = solution.state.clone();
         let noise = solution.motion.rms().max(1e-3);
-        // Error of the structure, from the number of its observations, as a rotation of the whole body.
+        // Attitude error of the whole body due to errors of the structure, from the number of observations.
         let pixel = 2.0 / (solution.camera.fx + solution.camera.fy);
         let observations = (solution.poses.len() * solution.points.len()).max(1) as f64;
         let turn = 3.0 * noise * pixel / observations.sqrt();
@@ -129,8 +129,8 @@ impl Filter {
             .sqrt()
     }
 
-    /// The motion as an estimate, with the model of the batch and the residual of the last frame that was used.
-    /// `None` if the state is not a rotation.
+    /// The motion as an estimate, with the motion model of the batch solution and the residual of the last frame that
+    /// was used. `None` if the body does not rotate.
     pub fn estimate(&self) -> Option<MotionEstimate> {
         let rotation = self.state.rotation()?;
         let covariance = rotation
@@ -167,7 +167,7 @@ impl Filter {
             innovation: Vector3::zeros(),
         };
         let mut has_excess = false;
-        // Two rounds gate the points, and every round linearises again at the updated state.
+        // The first two rounds also gate the points; every round linearises at the updated state.
         for round in 0..3 {
             let Some(measurement) =
                 self.attitude_information(&mut correspondences, R_WC, round < 2)
@@ -194,7 +194,8 @@ impl Filter {
             };
             let gain = P_t * measurement.information * inverse;
             let reduced = P - gain * P_t.transpose();
-            // The prior is at the prediction; `error` is the difference of the current state from it.
+            // The prior is centred at the prediction; `error` is the difference of the current state from the
+            // prediction.
             let turn = error.fixed_rows::<3>(0).into_owned();
             let innovation = -measurement.gradient + measurement.information * turn;
             let next = reduced.fixed_columns::<3>(0) * innovation;
@@ -320,8 +321,9 @@ impl Filter {
     }
 }
 
-/// Variance of a frame's points beyond the batch's noise, in units of that: from what a free pose leaves of the frame's
-/// residuals, `chi_squared` with `freedom` degrees of freedom. Zero unless it is significant.
+/// Variance of a frame's points beyond the noise of the batch solution, in units of the noise variance. `chi_squared`
+/// is the normalised sum of squared residuals that remain with a free pose, with `freedom` degrees of freedom. Zero
+/// unless the excess is significant.
 fn excess_variance(chi_squared: f64, freedom: usize) -> f64 {
     let freedom = freedom as f64;
     let excess = chi_squared / freedom - 1.0;
@@ -329,7 +331,7 @@ fn excess_variance(chi_squared: f64, freedom: usize) -> f64 {
     if is_significant { excess } else { 0.0 }
 }
 
-/// Information of a frame on the attitude, and gradient of its cost, by a rotation in body axes.
+/// Information of a frame on the attitude, and gradient of the frame's cost by a rotation in body axes.
 struct AttitudeInformation {
     information: Matrix3<f64>,
     gradient: Vector3<f64>,
@@ -338,7 +340,7 @@ struct AttitudeInformation {
 }
 
 impl AttitudeInformation {
-    /// Difference of the measured attitude from the `predicted` one, with unit covariance, inertial axes.
+    /// Difference between measured and `predicted` attitude, normalised to unit covariance, in inertial axes.
     fn innovation(&self, predicted: &MotionState) -> Vector3<f64> {
         let P = predicted.covariance.fixed_view::<3, 3>(0, 0).into_owned();
         let whitened = || {

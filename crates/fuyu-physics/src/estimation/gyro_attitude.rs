@@ -4,8 +4,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::bundle::{CameraMotion, attitude_at, rotation_between};
 
-/// The camera's attitude over time, integrated from its angular velocity. Its axes G are inertial: the camera's at the
-/// first sample since the last gap.
+/// The camera's attitude over time, integrated from its angular velocity. Its reference axes G are inertial: those of
+/// the camera at the first sample since the last gap.
 #[derive(Debug, Default)]
 pub struct GyroAttitude {
     /// `R_GC` over time.
@@ -46,12 +46,12 @@ impl GyroAttitude {
 
     /// Discards samples older than `time` \[s\].
     pub fn forget_before(&mut self, time: f64) {
-        // The sample before is needed for the attitude at `time`.
+        // The last sample before `time` is needed for the attitude at `time`.
         let old = self.attitudes.partition_point(|(t, _)| *t <= time);
         self.attitudes.drain(..old.saturating_sub(1));
     }
 
-    /// Number of restarts of the integration. With each the axes G change, and results in the axes before are void.
+    /// Number of restarts of the integration. Each restart changes the axes G and makes earlier results in G invalid.
     pub fn restarts(&self) -> u32 {
         self.restarts
     }

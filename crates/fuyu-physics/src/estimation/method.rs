@@ -1,4 +1,4 @@
-//! Estimation methods, and the one call for all of them: [`estimate`].
+//! Estimation methods, and their common entry point [`estimate`].
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -10,7 +10,7 @@ use super::{
 };
 use crate::vision::{Feature, FeatureFrame, Pinhole};
 
-/// Ratio of residual to RMS angular velocity above which the motion found is not that of the body.
+/// Ratio of residual to RMS angular velocity above which the estimated motion is not that of the body.
 const MAX_RESIDUAL_RATIO: f64 = 0.3;
 
 /// Estimation method.
@@ -62,12 +62,12 @@ pub enum MethodError {
 pub struct Estimated {
     /// The method.
     pub method: EstimationMethod,
-    /// The motion, in inertial axes I: those of [`CameraMotion`], or the camera's if that is fixed.
+    /// The motion, in inertial axes I: those of [`CameraMotion`], or the camera's if it is fixed.
     pub motion: MotionEstimate,
-    /// Angular velocities over time in I \[rad/s\]: the fitted ones at each frame (bundle adjustment), or those
-    /// measured between frames (Masutani 1995).
+    /// Angular velocities over time in I \[rad/s\]: fitted ones at each frame or sample, or those measured between
+    /// frames (Masutani 1995).
     pub w_IB_I: Vec<Rate>,
-    /// Full result of bundle adjustment; `None` for the other method.
+    /// Full result of bundle adjustment; `None` for the other methods.
     pub solution: Option<bundle::Solution>,
     /// State at the last observation with its covariance; `None` for the method of Masutani 1995.
     pub state: Option<MotionState>,
@@ -75,7 +75,7 @@ pub struct Estimated {
     pub diagnosis: Vec<String>,
 }
 
-/// Estimates the motion of the rigid body that `tracks` show. The method of Masutani 1995 uses of the options only the
+/// Estimates the motion of the rigid body that `tracks` show. Of the options, the method of Masutani 1995 uses only the
 /// camera's motion and the pixel noise.
 ///
 /// # Errors

@@ -2,7 +2,7 @@
 //!
 //! Input: [`Tracks`], image points of one body over time. Result: a [`MotionEstimate`], the body's rotation in closed
 //! form ([`free_body`]), which also predicts its future. [`estimate`] is the entry point for all methods;
-//! [`MotionTracker`] updates a result by every further frame.
+//! [`MotionTracker`] updates a result with every further frame.
 //!
 //! Frames: C is the camera's optical frame, inertial unless a [`bundle::CameraMotion`] is given; B is fixed to the
 //! body, but otherwise arbitrary.

@@ -9,7 +9,7 @@ use super::free_body::FreeRotation;
 use crate::spatial::exp_so3;
 
 /// Number of error states: rotation of the body (3, body axes), shape of its inertia (5), momentum (3, inertial axes,
-/// on the scale of an inertia of trace 3), angular acceleration due to torques (3, inertial axes).
+/// scaled to an inertia of trace 3), angular acceleration due to torques (3, inertial axes).
 pub const STATES: usize = 3 + PARAMETERS + 3;
 
 /// Index of the angular acceleration.
@@ -24,30 +24,30 @@ const NODE_TURN: f64 = 0.25;
 /// Largest number of nodes.
 const MAX_NODES: f64 = 400.0;
 
-/// Standard deviation of a rotation above which its error is not linear in that of the state \[rad\].
+/// Standard deviation of a predicted rotation above which the linearised covariance is not valid \[rad\].
 const LINEAR: f64 = 0.12;
 
 /// Number of pairs of random states, and the seed of their generator.
 const DRAWS: usize = 60;
 const SEED: u64 = 20;
 
-/// Part of a sampled spread that is taken to be in all directions: for a small one, and more per radian of its
-/// deviation, as rotations in different directions mix.
+/// Fraction of a sampled covariance that is added in all directions: for small rotations, and increase per radian of
+/// the deviation, as rotations in different directions mix.
 const ISOTROPIC: f64 = 0.15;
 const ISOTROPIC_PER_RADIAN: f64 = 0.6;
 
-/// The same for other motions, relative to that.
+/// The same fraction for a covariance from other motions, relative to that of random states.
 const ISOTROPIC_OF_OTHERS: f64 = 0.5;
 
 /// Error states.
 type StateVector = SVector<f64, STATES>;
 
-/// The covariance with a share of its trace added in all directions.
+/// The covariance with the fraction `share` of its trace added in all directions.
 fn widened(covariance: &Matrix3<f64>, share: f64) -> Matrix3<f64> {
     covariance + Matrix3::identity() * (share * covariance.trace() / 3.0)
 }
 
-/// The part of a sampled spread that is taken to be in all directions.
+/// Fraction of a sampled covariance that is added in all directions.
 fn isotropic(spread: &Matrix3<f64>) -> f64 {
     ISOTROPIC + ISOTROPIC_PER_RADIAN * spread.trace().max(0.0).sqrt().min(1.0)
 }
@@ -64,7 +64,7 @@ fn square_root(covariance: &StateCovariance) -> StateCovariance {
 pub struct Disturbance {
     /// Random walk of the momentum, relative to it \[1/√s\]: torques that change from frame to frame.
     pub momentum_walk: f64,
-    /// Random walk of the angular acceleration \[rad/s²/√s\]: torques that last.
+    /// Random walk of the angular acceleration \[rad/s²/√s\]: torques that persist.
     pub acceleration_walk: f64,
 }
 
@@ -76,28 +76,29 @@ impl Disturbance {
     };
 }
 
-/// A torque-free motion with its reference at the time of the state, and what is not known about it.
+/// A torque-free motion with its reference at the time of the state, and its uncertainty.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MotionState {
     /// The motion.
     pub motion: FreeMotion,
-    /// Angular acceleration due to torques, inertial axes \[rad/s²\]; the motion's future does not contain it.
+    /// Angular acceleration due to torques, inertial axes \[rad/s²\]; `motion` does not contain its effect.
     pub acceleration: Vector3<f64>,
     /// Covariance of the error states.
     pub covariance: StateCovariance,
     /// Random walk of the acceleration in predictions \[rad/s²/√s\].
     pub acceleration_walk: f64,
-    /// Motions of bodies of other shapes, where the images leave the shape open.
+    /// Motions of bodies with other shapes, where the observations do not determine the shape.
     pub others: Option<OtherMotions>,
 }
 
-/// Motions that explain the observations as well as that of the state. Predictions move them like the state;
-/// measurements do not correct them.
+/// Motions that explain the observations about as well as the state's motion. Predictions propagate them like the
+/// state; measurements do not correct them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OtherMotions {
-    /// The motions, at the time of the state, with their weights; the state's own weight is the rest to one.
+    /// The motions, at the time of the state, with their weights; the weight of the state's own motion is one minus
+    /// their sum.
     pub motions: Vec<(f64, FreeMotion)>,
-    /// Covariance of the error states if the body were known to be one of them.
+    /// Conditional covariance of the error states: for a known one of these motions.
     pub conditional: StateCovariance,
 }
 
@@ -110,8 +111,8 @@ impl MotionState {
         }
     }
 
-    /// Attitudes of a motion at ascending `times`, all after its time or all before, and the derivatives of the rotation
-    /// there by the states, body axes: `R exp([X δ]×)`.
+    /// Attitudes of a motion at ascending `times`, all after its time or all before, and the derivatives `X` of the
+    /// rotation at each time by the states, body axes: `R exp([X δ]×)`.
     fn rotations_by_state(
         motion: &FreeMotion,
         times: &[f64],
@@ -123,7 +124,7 @@ impl MotionState {
         if is_before {
             order.reverse();
         }
-        // Nodes of the integrals over torques, close enough for the rotation between them.
+        // Nodes of the integrals over torques, with small rotations from one to the next.
         let (mut nodes, mut wanted, mut last) = (Vec::new(), Vec::new(), from);
         for t in order {
             let turn = rate * (t - last).abs();
@@ -162,14 +163,13 @@ impl MotionState {
         only.unwrap_or_else(|| (motion.R_WB, SMatrix::zeros()))
     }
 
-    /// Covariances of the rotations between the state's time and ascending `times` after it \[s\], if they are
-    /// computed from the motion: of the rotation vector of the error in inertial axes \[rad²\], where `estimate =
-    /// exp(error) truth`. Torques go on acting: the acceleration, whose effect the motion does not contain, counts as
-    /// an error.
+    /// Covariances of predicted rotations from the state's time to ascending `times` after it \[s\]: of the rotation
+    /// vector `error` in inertial axes \[rad²\], where `estimate = exp(error) truth`, for a prediction by
+    /// [`MotionState::motion`]. The motion does not contain the acceleration, so the acceleration counts as an error.
     ///
-    /// The covariance is that of the linearised motion while that is small; where it is not, it is the mean square of
-    /// the errors of random states, each of which moves by Euler's equations.
-    /// If bodies of other shapes explain the observations as well, the spread of their rotations is added to the
+    /// While the covariance is small it is that of the linearised motion; otherwise it is the mean square error of random
+    /// states, each propagated by Euler's equations.
+    /// If bodies of other shapes explain the observations as well, the mean square of their rotation errors is added to the
     /// covariance for a known shape.
     pub fn turn_covariances(&self, times: &[f64]) -> Vec<Matrix3<f64>> {
         let Some(others) = &self.others else {
@@ -190,7 +190,8 @@ impl MotionState {
                 *sum += error * error.transpose() * *weight;
             }
         }
-        // Few motions show the size of the errors better than their directions: one of n is the part of one of them.
+        // A few motions show the size of the errors better than their directions: of n motions, one part in n is spread
+        // over all directions.
         let squares: f64 = others
             .motions
             .iter()
@@ -205,8 +206,8 @@ impl MotionState {
         covariances
     }
 
-    /// Difference of the rotation since the state's time to the attitude `nominal` from that of another motion to
-    /// the attitude `R`, as a rotation vector in inertial axes.
+    /// Difference between the rotation from the state's time to the attitude `nominal` and the rotation of another
+    /// motion to the attitude `R`, as a rotation vector in inertial axes.
     fn turn_error(
         &self,
         nominal: &UnitQuaternion<f64>,
@@ -237,7 +238,7 @@ impl MotionState {
         covariances
     }
 
-    /// Mean squares of the errors of random states' rotations, by time.
+    /// Mean square rotation errors of random states, for each time.
     fn sampled_spreads(&self, times: &[f64]) -> Option<Vec<Matrix3<f64>>> {
         let nominal = self.motion.attitudes(times);
         let factor = square_root(&self.covariance);
@@ -259,7 +260,7 @@ impl MotionState {
                 count += 1.0;
             }
         }
-        // Samples say nothing about rare errors: a part of the spread is taken to be in all directions.
+        // Few samples contain no rare errors: a fraction of the covariance is added in all directions.
         let spread = |sum: Matrix3<f64>| {
             let mean = sum / f64::max(count, 1.0);
             widened(&mean, isotropic(&mean))
@@ -267,14 +268,14 @@ impl MotionState {
         (count > 0.0).then(|| sums.into_iter().map(spread).collect())
     }
 
-    /// The motion of a state that differs by `step`. The angular velocity changes to first order with the step, so
-    /// that an uncertain inertia does not make it uncertain; the momentum follows.
+    /// The motion of a state that differs by `step`. The angular velocity changes to first order with the step, so that
+    /// an uncertain inertia does not make it uncertain; the momentum follows from angular velocity and inertia.
     fn disturbed(&self, step: &StateVector) -> Option<FreeMotion> {
         let (w, slope) = self.angular_velocity_slope();
         let w_W = w + slope * step;
         let shape = shape_of(&self.motion.inertia) + step.fixed_rows::<5>(3);
         let R_WB = self.motion.R_WB * exp_so3(&step.fixed_rows::<3>(0).into_owned());
-        // No body has some of the shapes: such a sample is moved towards the estimate.
+        // Some shapes are impossible for a body: such a sample is moved towards the estimate.
         let nominal = shape_of(&self.motion.inertia);
         let mut possible = None;
         for part in [1.0, 0.7, 0.4, 0.0] {
@@ -293,7 +294,8 @@ impl MotionState {
         })
     }
 
-    /// The same for the rotation from one time to another \[s\].
+    /// Covariance of the rotation from one time to another \[s\], as in [`MotionState::turn_covariances`] but always
+    /// linearised unless `from` is the state's time.
     pub fn covariance_between(&self, from: f64, to: f64) -> Matrix3<f64> {
         if from == self.motion.time && to > from {
             let only = self.turn_covariances(&[to]);
@@ -415,7 +417,7 @@ impl MotionState {
         }
     }
 
-    /// The state after a change of its errors; `None` if no body has such an inertia.
+    /// The state after a change by error states; `None` if no body can have the inertia.
     pub fn moved(&self, step: &SVector<f64, STATES>) -> Option<Self> {
         let turned = FreeMotion {
             R_WB: self.motion.R_WB * exp_so3(&step.fixed_rows::<3>(0).into_owned()),
@@ -429,8 +431,8 @@ impl MotionState {
     }
 }
 
-/// Moves a motion to `time` \[s\] under torques of `acceleration` (inertial axes, [`MotionState::acceleration`]). Returns
-/// the derivatives of its rotation by the states.
+/// Propagates a motion to `time` \[s\] under the angular acceleration `acceleration` (inertial axes,
+/// [`MotionState::acceleration`]). Returns the derivatives of its rotation by the states.
 fn advance(
     motion: &mut FreeMotion,
     acceleration: &Vector3<f64>,
@@ -465,8 +467,8 @@ mod tests {
         }
     }
 
-    // Another motion that is the same, and a covariance that is the same, stay so: without torques on the one or noise on
-    // the other they part.
+    // Another motion that is equal to the state's must stay equal: they would part if torques acted on only one of
+    // them.
     #[test]
     fn predictions_move_other_shapes_like_the_state() {
         let mut state = state(Vector3::new(2e-3, -1e-3, 3e-3));
@@ -483,7 +485,7 @@ mod tests {
         assert!(state.covariance[(8, 8)] > 1e-4);
     }
 
-    // A long step is many short ones, for the state and for another shape.
+    // A long step equals many short ones, for the state and for another shape.
     #[test]
     fn torques_turn_other_shapes() {
         let mut once = state(Vector3::new(2e-4, -1e-4, 3e-4));

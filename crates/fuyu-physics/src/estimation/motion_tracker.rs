@@ -1,4 +1,4 @@
-//! Motion tracker: owns the last batch solution and the filter that continues it, and gives the motion at every frame.
+//! Motion tracker: holds the last batch solution and the filter that continues it, and gives the motion at every frame.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -10,29 +10,29 @@ use super::{
 };
 use crate::vision::FeatureFrame;
 
-/// Number of consecutive frames that contradict the motion before it is lost.
+/// Number of consecutive contradicting frames after which the track of the motion is lost.
 const MISFITS_FOR_LOSS: u32 = 10;
 
-/// Number of fitting frames that confirm a solution.
+/// Number of fitting frames after which a solution is confirmed.
 const FITS_FOR_CONFIRMATION: u32 = 20;
 
-/// Least number of known points in a frame that may contradict the motion.
+/// Least number of known points with which a frame can contradict the motion.
 pub const MIN_KNOWN_POINTS: usize = 8;
 
-/// A batch predicts for this share of its length; longer predictions may fail without a change of the motion.
+/// A batch solution predicts for this fraction of its length; longer predictions may fail although the motion has not changed.
 const PREDICTABLE: f64 = 0.25;
 
 /// A filter is kept if its prediction is this many times more certain than that of a new batch solution.
 const CERTAINTY_RATIO: f64 = 3.0;
 
-/// A batch solution, with the frames that it was estimated from.
+/// A batch solution, and its window of frames.
 #[derive(Debug, Clone)]
 pub struct BatchSolution {
     /// The estimate.
     pub estimated: Estimated,
-    /// Number of frames of its window.
+    /// Number of frames in the window.
     pub frames: usize,
-    /// Time of the first and of the last of them \[s\].
+    /// Time of the first and of the last frame of the window \[s\].
     pub span: (f64, f64),
 }
 
@@ -43,12 +43,12 @@ pub enum MotionSource {
     Batch,
     /// The filter, corrected by the newest frame.
     Filter,
-    /// Filter or batch solution, extrapolated without a frame that could correct it.
+    /// Filter or batch solution, extrapolated since the last frame that corrected it.
     Coasting,
 }
 
 impl MotionSource {
-    /// Its name in diagnostics.
+    /// The name in diagnostics.
     pub fn name(self) -> &'static str {
         match self {
             Self::Batch => "batch",
@@ -64,14 +64,14 @@ pub struct MotionTracker {
     batch: BatchSolution,
     filter: Option<Filter>,
     motion: MotionEstimate,
-    /// From body axes F, which persist from one solution to the next, to the body axes B of this solution.
+    /// Rotation from body axes F, which persist from one solution to the next, to the body axes B of this solution.
     R_BF: UnitQuaternion<f64>,
     /// Time of the newest frame that corrected the motion \[s\].
     corrected: f64,
     /// Number of frames since the batch solution.
     since: usize,
     last: Option<Update>,
-    /// Number of frames that fitted, including those of earlier solutions.
+    /// Number of fitting frames, including those of earlier solutions.
     fits: u32,
     misfits: Misfits,
     changes: ChangeDetector,
@@ -82,7 +82,7 @@ pub struct MotionTracker {
 pub enum TrackLoss {
     /// The motion was confirmed by frames, and has changed since this time \[s\].
     MotionChanged(f64),
-    /// The motion was never confirmed, or not for as long: the batch solution is wrong, or too short for its prediction.
+    /// Too few frames confirmed the motion, or the prediction was too long: the batch solution may be wrong or too short.
     Unconfirmed,
 }
 
@@ -90,13 +90,13 @@ pub enum TrackLoss {
 #[derive(Debug, Clone, Copy, Default)]
 struct Misfits {
     count: u32,
-    /// Time of the first \[s\].
+    /// Time of the first such frame \[s\].
     since: f64,
 }
 
 impl MotionTracker {
-    /// Starts at a batch solution and updates it by the frames `later`, each with the camera's attitude. With
-    /// `disturbance` (see [`Filter::new`]) a filter continues the solution, if that is of bundle adjustment.
+    /// Starts at a batch solution and updates it with the frames `later`, each with the camera's attitude. If `disturbance` is given (see
+    /// [`Filter::new`]) and the solution is of bundle adjustment, a filter continues it.
     pub fn new<'a>(
         batch: BatchSolution,
         disturbance: Option<f64>,
@@ -125,8 +125,8 @@ impl MotionTracker {
         tracker
     }
 
-    /// Replaces this tracker by `next` at `time` \[s\], with the persistent body axes of this one, unless the
-    /// prediction of `next` over `horizon` \[s\] is much less certain (few frames since a gap, for example).
+    /// Replaces this tracker by `next` at `time` \[s\], and keeps the persistent body axes. Keeps this tracker if the prediction of
+    /// `next` over `horizon` \[s\] is much less certain (few frames since a gap, for example).
     #[must_use]
     pub fn replaced_by(self, mut next: Self, time: f64, horizon: f64) -> Self {
         let deviation =
@@ -140,7 +140,7 @@ impl MotionTracker {
         if self.misfits.count == 0 {
             next.fits = next.fits.saturating_add(self.fits);
         } else if next.misfits.count > 0 {
-            // The new solution does not fit the newest frames either: go on counting.
+            // The new solution does not fit the newest frames either: keep the count.
             next.misfits.since = next.misfits.since.min(self.misfits.since);
             next.misfits.count = next.misfits.count.max(self.misfits.count);
             next.fits = next.fits.max(self.fits);
@@ -150,8 +150,8 @@ impl MotionTracker {
         next
     }
 
-    /// Updates the motion by a frame later than all before, with the camera's attitude. Returns a loss if several
-    /// consecutive frames contradict the motion.
+    /// Updates the motion with a frame later than all before, and the camera's attitude. Returns the loss if several consecutive frames
+    /// contradict the motion.
     pub fn update(
         &mut self,
         frame: &FeatureFrame,
@@ -183,13 +183,13 @@ impl MotionTracker {
         if 2 * update.used >= known {
             self.misfits.count = 0;
             self.fits = self.fits.saturating_add(1);
-            // Where most points are new, the known ones are about to vanish at the limb, seen at an angle at which the
-            // errors of their positions are large, and the same in all frames.
+            // If most points are new, the known ones are about to vanish at the limb; errors of their positions are then large, and
+            // common to all frames.
             if update.used < update.unknown {
                 return None;
             }
             let changed = self.changes.add(frame.time, &update.innovation)?;
-            // An error that has begun soon after a short batch, and grows slowly, is its own.
+            // Soon after a short batch, a slowly growing error is an error of the batch solution, not a change of the motion.
             if self.is_beyond_prediction(frame.time) {
                 self.changes = ChangeDetector::new(frame.time);
                 return None;
@@ -210,8 +210,8 @@ impl MotionTracker {
         (self.misfits.count >= MISFITS_FOR_LOSS).then_some(loss)
     }
 
-    /// Whether `time` \[s\], since which the frames contradict the motion, is later after the batch than the share [`PREDICTABLE`] of its
-    /// length. So long a prediction fails without a change of the motion, when a slow computer has not solved the next batch yet.
+    /// Whether `time` \[s\], since when the frames contradict the motion, is after the batch by more than [`PREDICTABLE`] of its length.
+    /// So long a prediction, while a slow computer solves the next batch, fails without a change of the motion.
     fn is_beyond_prediction(&self, time: f64) -> bool {
         let (first, last) = self.batch.span;
         time - last > PREDICTABLE * (last - first)
@@ -235,8 +235,8 @@ impl MotionTracker {
         Some(state)
     }
 
-    /// Position of the body's origin at `time` \[s\] in camera axes, in the unit of the batch solution: that of the
-    /// centre of mass, if its path is known, else that in the last frame. `None` if the method has none.
+    /// Position of the body's origin at `time` \[s\] in camera axes, in the batch solution's unit of length: the extrapolated centre of
+    /// mass if its path is known, otherwise the position in the last frame of the batch. `None` if the method gives no position.
     pub fn position(&self, time: f64) -> Option<Vector3<f64>> {
         let solution = self.batch.estimated.solution.as_ref()?;
         match self.centre(time) {
@@ -245,8 +245,8 @@ impl MotionTracker {
         }
     }
 
-    /// The centre of mass at `time` \[s\], in the unit of the batch solution. `None` if it is not known which point
-    /// that is.
+    /// The centre of mass at `time` \[s\], in the batch solution's unit of length. `None` if the images do not determine which point of
+    /// the body it is.
     pub fn centre(&self, time: f64) -> Option<CentreMotion> {
         let centre = self.batch.estimated.solution.as_ref()?.centre.as_ref()?;
         Some(centre.after(time - self.batch.span.1))
@@ -340,7 +340,7 @@ mod tests {
         MotionTracker::new(batch, Some(1e-6), still)
     }
 
-    // A follower of a point on the target must not see a jump with every solution.
+    // A follower of a point on the target must not see a jump when a solution replaces another.
     #[test]
     fn body_axes_persist_from_one_solution_to_the_next() {
         let first = tracker_from(frames(0..150), &frames(150..200));
@@ -409,8 +409,8 @@ mod tests {
         );
     }
 
-    /// The points of tracked images slide where shadows and edges move: the residuals of such frames show it. Fails if
-    /// the filter takes the noise of the batch for theirs.
+    /// The points of tracked images slide where shadows and edges move, as residuals show. Fails if the filter assumes the noise of the
+    /// batch.
     #[test]
     fn points_that_slide_are_not_a_change_of_the_motion() {
         let mut tracker = tracker_from(frames(0..150), &[]);
@@ -428,8 +428,8 @@ mod tests {
         assert_eq!(misfits, 0, "the points pass the gate");
     }
 
-    /// The last known points of a side that turns away have an error in common. Fails if they are evidence of a change
-    /// where most points are new ones.
+    /// The last known points of a side that turns away have a common error. Fails if they count as evidence of a change although most
+    /// points are new.
     #[test]
     fn a_minority_of_known_points_is_no_evidence_of_a_change() {
         let losses = [9, 16].map(|known| {
@@ -452,8 +452,8 @@ mod tests {
         assert!(losses[1].is_some(), "most points know of a change");
     }
 
-    /// A quarter of its length after a batch a prediction may fail by itself, as in a replay faster than its batches.
-    /// Fails with a limit of half of the length.
+    /// A prediction beyond a quarter of the batch may fail by itself, as in a replay faster than its batches. Fails with half of the
+    /// length.
     #[test]
     fn a_batch_is_evidence_of_a_change_for_a_quarter_of_its_length() {
         let later = frames(100..150);
@@ -463,7 +463,7 @@ mod tests {
             tracker.fits = FITS_FOR_CONFIRMATION;
             detect_jump(&mut tracker).map(|(_, loss)| loss)
         };
-        // 10 s end 1.1 s and 3.1 s before the jump.
+        // Batches of 10 s that end 1.1 s and 3.1 s before the jump.
         assert_eq!(after(140), Some(TrackLoss::MotionChanged(15.0)));
         assert_eq!(after(120), Some(TrackLoss::Unconfirmed));
     }

@@ -1,5 +1,4 @@
-//! Maximum likelihood from angular velocities: the torque-free motion whose angular velocities are nearest to
-//! measured ones.
+//! Maximum-likelihood fit of a torque-free motion to measured angular velocities.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -21,8 +20,8 @@ const MIN_SAMPLES: usize = 6;
 /// Largest number of steps of an adjustment.
 const STEPS: usize = 60;
 
-/// Least standard deviation of an angular velocity that is believed, relative to the largest: below that, rounding of
-/// the numbers decides.
+/// Least standard deviation of an angular velocity that is accepted, relative to the largest angular velocity: below
+/// it, rounding of the numbers dominates.
 const LEAST_NOISE: f64 = 1e-9;
 
 /// A fit to the samples.
@@ -70,7 +69,7 @@ pub fn fit_rates(rates: &[Rate], widths: &Widths) -> Result<Estimated, EstimateE
     let count = 3.0 * rates.len() as f64;
     let freedom = (count - PARAMETERS as f64).max(1.0);
     let variance = found.squares / freedom;
-    // Noise from sample to sample, which no motion explains.
+    // Noise between successive samples, which no motion explains.
     let white = third_differences(rates);
     if variance.sqrt() > MOST_NOISE * size || variance > NOT_FREE * white.max((1e-3 * size).powi(2))
     {
@@ -105,7 +104,7 @@ pub fn fit_rates(rates: &[Rate], widths: &Widths) -> Result<Estimated, EstimateE
     })
 }
 
-/// Residuals above this share of the angular velocity are no noise.
+/// Residuals above this fraction of the angular velocity are not noise.
 const MOST_NOISE: f64 = 0.3;
 
 /// Ratio of the residuals' variance to that of the noise between samples above which the motion is not free.
@@ -122,7 +121,7 @@ fn third_differences(rates: &[Rate]) -> f64 {
     all.get(all.len() / 2).map_or(0.0, |m| m * 3.0 / 2.37)
 }
 
-/// Approximate motions. Attitudes are integrated from the angular velocities; momentum is constant in them.
+/// Approximate motions. Attitudes are integrated from the angular velocities; the angular momentum is constant.
 fn starts(rates: &[Rate]) -> Vec<FreeMotion> {
     let mut R_WB = UnitQuaternion::identity();
     let mut series = vec![AttitudeSample {
@@ -131,7 +130,7 @@ fn starts(rates: &[Rate]) -> Vec<FreeMotion> {
     }];
     for pair in rates.windows(2) {
         // The angular velocities are in inertial axes: the rotation between two samples acts from the left. For rates
-        // in the axes that turn, the second term of the expansion has the other sign.
+        // in body axes, the second term of the expansion has the other sign.
         let back = |r: &Rate| (r.0, -r.1);
         let turn = rotation_between(&back(&pair[0]), &back(&pair[1])).inverse();
         R_WB = turn * R_WB;
@@ -161,7 +160,7 @@ fn starts(rates: &[Rate]) -> Vec<FreeMotion> {
             found.push(start);
         }
     }
-    // A body without a shape, for data that are too noisy for one.
+    // A spherical body, for data too noisy to determine a shape.
     let middle = series[series.len() / 2];
     let mean = rates.iter().map(|(_, w)| w).sum::<Vector3<f64>>() / rates.len() as f64;
     let sphere = FreeMotion::new(&SVector::zeros(), mean, middle.time, middle.R_WB);
@@ -169,8 +168,8 @@ fn starts(rates: &[Rate]) -> Vec<FreeMotion> {
     found
 }
 
-/// Other bodies that explain the angular velocities nearly as well as the best fit, with the weights of their
-/// likelihood. `others` are ordered by their squares.
+/// Other bodies that explain the angular velocities nearly as well as the best fit, with weights proportional to their
+/// likelihood. `others` are ordered by their sums of squares.
 fn other_motions(
     rates: &[Rate],
     best: &Fit,
@@ -196,20 +195,20 @@ fn other_motions(
     (!motions.is_empty()).then_some(motions)
 }
 
-/// Shapes that differ by less are the same body.
+/// Shapes that differ by less than this are the same body.
 const SAME_SHAPE: f64 = 0.03;
 
-/// Sums of squares that differ by more, in units of the noise variance, exclude each other.
+/// A fit whose sum of squares exceeds the best by more than this, in units of the noise variance, is excluded.
 const MOST_EXCESS: f64 = 25.0;
 
-/// Motions with the angular velocity of this one and bodies of other shapes. An adjustment does not get from a flat
-/// body to a long one, as it would have to pass the sphere, where the axis of rotation does not move.
+/// Motions with the angular velocity of `motion` and bodies of other shapes. An adjustment cannot change a flat body
+/// into a long one, because it would have to pass the sphere, whose axis of rotation does not move.
 fn other_shapes(motion: &FreeMotion) -> Vec<FreeMotion> {
     let shape = shape_of(&motion.inertia);
     let w_W = motion.R_WB * motion.w_WB_B(&motion.R_WB);
     let w_B = motion.R_WB.inverse() * w_W;
     let along = |factor: f64| {
-        // About the axis of rotation, by its moment relative to the others.
+        // Stretched along the axis of rotation.
         let axis = w_B.normalize();
         let stretched = (axis * axis.transpose() - Matrix3::identity() / 3.0) * factor;
         shape_of(&(Matrix3::identity() + stretched))
@@ -256,7 +255,7 @@ fn predicted(rates: &[Rate], fit: &Fit) -> Option<Vec<(Vector3<f64>, SMatrix<f64
     Some(each.collect())
 }
 
-/// Weights of the prior for residuals of unit variance `variance`, and distances from its mean.
+/// Weights of the prior for residuals of variance `variance`, and distances from the prior's mean.
 fn prior(fit: &Fit, variance: f64, widths: &Widths) -> [SVector<f64, UNKNOWNS>; 2] {
     let shape = shape_of(&fit.motion.inertia);
     let weights = SVector::from_fn(|k, _| match k {
@@ -291,7 +290,7 @@ fn normal(rates: &[Rate], fit: &Fit) -> Option<Normal> {
     squares.is_finite().then_some((H, g, squares))
 }
 
-/// Levenberg-Marquardt from a start. The noise is taken from the residuals.
+/// Levenberg-Marquardt from a start. The noise variance is estimated from the residuals.
 fn adjust(rates: &[Rate], start: FreeMotion, widths: &Widths, size: f64) -> Option<Fit> {
     let mut fit = Fit {
         motion: start,

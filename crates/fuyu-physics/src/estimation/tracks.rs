@@ -65,7 +65,7 @@ pub enum TracksError {
 }
 
 impl Tracks {
-    /// Tracks from frames in the order of time; the features of each may be in any order.
+    /// Tracks from frames in the order of time; the features of each frame may be in any order.
     ///
     /// # Errors
     /// [`TracksError`] that names the first invalid frame, or reports that there are no features.
@@ -122,7 +122,7 @@ impl Tracks {
         Ok(())
     }
 
-    /// The tracks as a camera without distortion would show them.
+    /// The tracks without lens distortion.
     ///
     /// # Errors
     /// [`DistortionError::Outside`] if the lens shows nothing where a point is said to be.

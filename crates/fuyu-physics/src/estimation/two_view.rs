@@ -1,5 +1,5 @@
-//! Motion of a rigid body between two views: rotation and direction of translation from at least eight points, by linear
-//! least squares. Masutani 1995 app. A, after Weng, Huang and Ahuja.
+//! Motion of a rigid body between two views: rotation and direction of translation from at least eight points, by
+//! linear least squares. Masutani 1995 app. A, after Weng, Huang and Ahuja.
 
 use nalgebra::{
     Matrix2, Matrix3, Matrix4, Rotation3, SMatrix, SVector, SymmetricEigen, UnitQuaternion,
@@ -11,8 +11,8 @@ use crate::vision::{FeatureFrame, Pinhole};
 /// Least number of points that determine the motion: the essential matrix has eight unknown ratios.
 pub const MIN_POINTS: usize = 8;
 
-/// Image points are collinear if their scatter across a line is less than this share of that along it: a pixel in two
-/// hundred.
+/// Image points are collinear if their scatter across a line is less than this fraction of that along the line: one
+/// pixel in two hundred.
 const COLLINEAR: f64 = 5e-3;
 
 /// A view is constant if no ray moves by more than this \[rad\].

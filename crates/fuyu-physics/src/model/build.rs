@@ -21,7 +21,7 @@ use crate::spatial::{Pose, RigidInertia, SpatialInertia};
 /// assert_eq!(model.dof(), 1);
 /// ```
 pub struct ModelBuilder {
-    /// With all joints of the tree as joints.
+    /// Parts of the model, with all joints of the tree as independent joints.
     parts: Parts,
     follows: Vec<Follow>,
 }
@@ -154,7 +154,7 @@ impl ModelBuilder {
         });
     }
 
-    /// Adds a named frame, fixed to body `body` with pose `X_BF`; `parent` is the name of its parent link.
+    /// Adds a named frame, fixed to body `body` with pose `X_BF`; `parent` is the name of the frame's parent link.
     pub fn frame(&mut self, name: &str, body: usize, parent: Option<String>, X_BF: Pose) {
         self.parts.frames.push(Frame {
             name: name.to_owned(),
@@ -171,10 +171,10 @@ impl ModelBuilder {
         b.spatial_inertia = SpatialInertia::from(&b.inertia);
     }
 
-    /// The finished model.
+    /// The model.
     ///
     /// # Panics
-    /// If a joint follows itself, directly or by way of others.
+    /// If a joint follows itself, directly or through other joints.
     pub fn build(self) -> Model {
         let Self { mut parts, follows } = self;
         (parts.joints, parts.couplings) = couple(parts.joints, &follows);

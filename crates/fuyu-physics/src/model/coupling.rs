@@ -1,15 +1,15 @@
 //! Mimic joints: joints whose position is a linear function of another joint's position.
 //!
-//! A model with mimic joints has fewer coordinates than moving joints. With `q_t` the positions of all joints of the tree
-//! and `q` the coordinates, `q_t = S q + b`, where every row of `S` has one entry. Rates and accelerations follow with the
-//! same `S`, and efforts with its transpose, since both sides have the same power: `τ = Sᵀ τ_t`. Spring, damper and friction
-//! of a mimic joint are therefore those of its coordinate, times the square (friction: the magnitude) of the ratio; they
-//! are added there when the model is built, so that every user of a coordinate sees them.
+//! A model with mimic joints has fewer coordinates than moving joints. With `q_t` the positions of all joints of the
+//! tree and `q` the coordinates, `q_t = S q + b`, where every row of `S` has one entry. Rates and accelerations follow
+//! with the same `S`, and efforts with its transpose, since both sides have the same power: `τ = Sᵀ τ_t`. Spring,
+//! damper and friction of a mimic joint therefore act on its coordinate, scaled by the square (friction: the magnitude)
+//! of the ratio. They are added to the coordinate when the model is built.
 
 use super::tree::Parts;
 use super::{Joint, JointKind, JointLimits, Model, Spring};
 
-/// How the position of a joint of the tree follows from the model's coordinates: `ratio * q[coordinate] + offset`.
+/// Position of a joint of the tree as a function of the model's coordinates: `ratio * q[coordinate] + offset`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Coupling {
     /// Index of the coordinate in every joint vector.
@@ -25,9 +25,9 @@ pub struct Coupling {
 pub struct Mimic<'a> {
     /// The joint. Its spring, damper and friction are zero: they are part of the joint that it follows.
     pub joint: &'a Joint,
-    /// Index of the body that it moves.
+    /// Index of the body that the joint moves.
     pub body: usize,
-    /// How it follows.
+    /// Coupling to the leading joint's coordinate.
     pub coupling: Coupling,
 }
 
@@ -39,16 +39,16 @@ pub(super) struct TreeJoint {
     pub(super) mimic: Option<Joint>,
 }
 
-/// The tree's joints, of a model with mimic joints.
+/// The joints of the tree of a model with mimic joints.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Couplings {
     /// All joints; joint `k` moves body `k + 1`.
     pub(super) tree: Vec<TreeJoint>,
-    /// Per coordinate, the joints that it moves and their ratios, its own joint first.
+    /// For each coordinate, the joints that it moves and their ratios, its own joint first.
     pub(super) members: Vec<Vec<(usize, f64)>>,
 }
 
-/// The joint `follower` of the tree moves `ratio` times as far as `leader`, from `offset`.
+/// Joint `follower` of the tree moves `ratio` times as far as `leader`, from `offset`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Follow {
     pub(super) follower: usize,
@@ -58,8 +58,8 @@ pub(super) struct Follow {
 }
 
 impl Follow {
-    /// The coupling of each of `count` joints to the one at the end of its chain of leaders, by the index of that joint in the
-    /// tree; or a joint that leads back to itself.
+    /// The coupling of each of `count` joints to the joint at the end of its chain of leaders, whose index in the tree
+    /// is `coordinate`. The error is a joint that leads back to itself.
     pub(super) fn resolve(count: usize, follows: &[Self]) -> Result<Vec<Coupling>, usize> {
         let mut next = vec![None; count];
         for follow in follows {
@@ -99,7 +99,7 @@ impl Follow {
 }
 
 impl Coupling {
-    /// That of a joint with its own coordinate.
+    /// Coupling of a joint with its own coordinate.
     fn own(coordinate: usize) -> Self {
         Self {
             coordinate,
@@ -112,7 +112,7 @@ impl Coupling {
 /// Splits the joints of a tree into coordinates and mimic joints.
 ///
 /// # Panics
-/// If a joint follows itself, directly or by way of others.
+/// If a joint follows itself, directly or through other joints.
 pub(super) fn couple(joints: Vec<Joint>, follows: &[Follow]) -> (Vec<Joint>, Option<Couplings>) {
     if follows.is_empty() {
         return (joints, None);
@@ -163,7 +163,7 @@ fn add_mimic(leader: &mut Joint, mimic: &Joint, coupling: &Coupling) {
     let (own, added) = (&leader.spring, &mimic.spring);
     let stiffness = own.stiffness + ratio * ratio * added.stiffness;
     if stiffness != 0.0 {
-        // Effort of both at q = 0, over the common stiffness.
+        // Sum of the efforts of both at q = 0, divided by the common stiffness.
         let effort = own.stiffness * own.rest + ratio * added.stiffness * (added.rest - offset);
         let rest = effort / stiffness;
         leader.spring = Spring { stiffness, rest };
@@ -176,8 +176,8 @@ fn add_mimic(leader: &mut Joint, mimic: &Joint, coupling: &Coupling) {
     }
 }
 
-/// Limits of a joint that a mimic joint narrows: of positions and rates, but not of the effort, which is that of the only
-/// actuator. `None` if no position is within both ranges.
+/// Limits of a joint narrowed by those of a mimic joint: positions and rates, but not the effort, which is that of the
+/// only actuator. `None` if no position is within both ranges.
 pub(super) fn common_limits(
     leader: &JointLimits,
     mimic: &JointLimits,
@@ -233,7 +233,7 @@ impl Model {
         })
     }
 
-    /// All moving joints of the tree, mimic joints included: joint `k` moves body `k + 1`.
+    /// All moving joints of the tree, including mimic joints: joint `k` moves body `k + 1`.
     pub fn tree_joints(&self) -> impl DoubleEndedIterator<Item = &Joint> + ExactSizeIterator {
         (0..self.bodies().len() - 1).map(|k| self.parts().tree_joint(k))
     }
@@ -246,7 +246,7 @@ impl Model {
         self.parts().tree_joint(k)
     }
 
-    /// How the joint of the tree that moves body `k + 1` follows from the coordinates.
+    /// Coupling to the coordinates of the joint of the tree that moves body `k + 1`.
     ///
     /// # Panics
     /// If there is no such joint.

@@ -18,7 +18,7 @@ pub enum Connection {
 /// Axes of [`Connection::Cardan`], the one next to the first model first.
 const CARDAN: [(&str, usize); 3] = [("z", 2), ("y", 1), ("x", 0)];
 
-/// Two models joined to one ([`Model::joined`]), and where their joints are in it.
+/// Two models joined to one ([`Model::joined`]), with maps of their coordinates.
 #[derive(Debug, Clone)]
 pub struct Joined {
     /// The joined model.
@@ -31,12 +31,12 @@ pub struct Joined {
     pub connection: Vec<usize>,
 }
 
-/// A body being copied: it becomes body `body` of the copy, or part of it at pose `X_BO` of the original's frame.
+/// Destination of a copied body: body `body` of the copy, or part of it at pose `X_BO` of the original's frame.
 #[derive(Clone, Copy)]
 struct Place {
     body: usize,
     X_BO: Pose,
-    /// Whether it is all of that body, which has its name.
+    /// Whether the copied body is the whole destination body, which then has its name.
     is_own: bool,
 }
 
@@ -72,7 +72,7 @@ impl Copier {
         }
     }
 
-    /// Body `b` of `model`, whose parent is at `parent`.
+    /// Copies body `b` of `model`, whose parent is at `parent`.
     fn copy(&mut self, model: &Model, b: usize, parent: Place, prefix: &str) -> Place {
         let body = &model.bodies()[b];
         let mut joint = model.tree_joint(b - 1).clone();
@@ -83,8 +83,8 @@ impl Copier {
         Place::own((self.builder).joint_on_link(&name, parent.body, &link, joint, body.inertia))
     }
 
-    /// Three joints with intersecting axes on `body`, and the place behind them of a body at pose `X_JO` of their
-    /// common frame.
+    /// Adds three joints with intersecting axes on `body`; returns the place after them of a body at pose `X_JO` in
+    /// their common frame.
     fn cardan(
         &mut self,
         body: usize,
@@ -104,14 +104,14 @@ impl Copier {
         Place::part(parent, *X_JO)
     }
 
-    /// Body `b` of `model`, fixed at `place`.
+    /// Welds body `b` of `model` at `place`.
     fn weld(&mut self, model: &Model, b: usize, place: Place) {
         let inertia = model.bodies()[b].inertia.expressed_in(&place.X_BO);
         self.builder.weld(place.body, &inertia);
     }
 
-    /// The frames of `model` that are not there yet, and its mimic joints, after its bodies have got their
-    /// `places`. The base is on the link `mount`, if on any.
+    /// Adds the remaining frames of `model`, and its mimic joints, after its bodies have been copied to `places`. The
+    /// base is on the link `mount`, if that is given.
     fn finish(&mut self, model: &Model, places: &[Place], prefix: &str, mount: Option<&str>) {
         for frame in model.frames() {
             let place = places[frame.body];
@@ -156,10 +156,10 @@ fn coordinates(whole: &Model, part: &Model, prefix: &str) -> Vec<usize> {
 }
 
 impl Model {
-    /// This robot with the base of `other` connected to its body `body`, at pose `X_BO` of the other's base frame.
-    /// All names of the other get `prefix`, which must make them different from this robot's. With
-    /// [`Connection::Cardan`], the axes intersect at the origin of frame J, at pose `X_BJ` in the body; its axes
-    /// are those of the joints when all are at zero, where the other's base is at `X_BO`.
+    /// This robot with the base of `other` connected to its body `body`, at pose `X_BO` of the other's base frame. All
+    /// names of `other` get `prefix`, which must make them different from this robot's. With [`Connection::Cardan`],
+    /// the axes intersect at the origin of frame J, at pose `X_BJ` in the body; the axes of J are those of the joints
+    /// at zero positions, at which the other's base is at `X_BO`.
     ///
     /// # Panics
     /// If there is no such body, or if a name occurs twice.
@@ -191,7 +191,7 @@ impl Model {
             if b + 1 != bodies[body].subtree_end {
                 continue;
             }
-            // All that this robot has on `body` is there: the other one comes next.
+            // All bodies and frames that this robot has on `body` are copied: the other robot comes next.
             let place = places[body];
             others.push(match connection {
                 Connection::Weld => Place::part(place.body, *X_BO),
@@ -217,8 +217,8 @@ impl Model {
         }
     }
 
-    /// This robot with the joints `locked` held at their positions in `q` \[rad or m\]: the bodies that they move
-    /// are welded to their parents. The joints that are left keep their order and names.
+    /// This robot with the joints `locked` held at their positions in `q` \[rad or m\]: the bodies that they move are
+    /// welded to their parents. The remaining joints keep their order and names.
     ///
     /// # Panics
     /// If `q` or `locked` does not have one element per coordinate.

@@ -91,7 +91,7 @@ pub struct Spring {
 /// One rigid body: a moved link, with all links that fixed joints weld to it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Body {
-    /// Name of the link that moves the body (the root link for body 0).
+    /// Name of the moved link (the root link for body 0).
     pub name: String,
     /// Index of the parent body; `None` for the base.
     pub parent: Option<usize>,
@@ -99,7 +99,7 @@ pub struct Body {
     pub subtree_end: usize,
     /// Mass properties in the body frame.
     pub inertia: RigidInertia,
-    /// The same about the body frame's origin.
+    /// Mass properties about the body frame's origin.
     pub spatial_inertia: SpatialInertia,
 }
 
@@ -108,7 +108,7 @@ pub struct Body {
 pub struct Frame {
     /// Name of the link.
     pub name: String,
-    /// Index of the body that carries it.
+    /// Index of the body to which the frame is fixed.
     pub body: usize,
     /// Name of the frame's parent link; `None` for the root.
     pub parent: Option<String>,
@@ -138,7 +138,7 @@ pub(super) struct Parts {
     /// The joints with a coordinate.
     pub(super) joints: Vec<Joint>,
     pub(super) frames: Vec<Frame>,
-    /// All joints of the tree, if some are mimic joints.
+    /// All joints of the tree, if there are mimic joints.
     pub(super) couplings: Option<Couplings>,
 }
 
@@ -158,11 +158,10 @@ impl From<Parts> for Model {
 }
 
 impl Model {
-    /// The form into which a higher layer compiles the model: computed at the first call, then shared by all
-    /// clones.
+    /// The form into which a higher layer compiles the model: computed at the first call, then shared by all clones.
     ///
     /// # Panics
-    /// If two layers ask for different types.
+    /// If two layers request different types.
     pub(crate) fn compiled<T: Any + Send + Sync>(
         &self,
         compile: impl FnOnce(&Self) -> T,
@@ -183,7 +182,7 @@ impl Model {
         &self.shared.parts
     }
 
-    /// Number of coordinates `n`: moving joints without mimic joints.
+    /// Number of coordinates `n`: moving joints without the mimic joints.
     pub fn dof(&self) -> usize {
         self.shared.parts.joints.len()
     }
@@ -194,8 +193,8 @@ impl Model {
         &self.shared.parts.bodies
     }
 
-    /// The joints that move independently, in order; the order of every joint vector. Their springs, dampers, friction and
-    /// limits include those of the mimic joints that follow them ([`Model::mimics`]).
+    /// The joints that move independently; their order is that of every joint vector. Their springs, dampers, friction
+    /// and limits include those of the mimic joints that follow them ([`Model::mimics`]).
     pub fn joints(&self) -> &[Joint] {
         &self.shared.parts.joints
     }
@@ -205,7 +204,7 @@ impl Model {
         &self.shared.parts.frames
     }
 
-    /// The same robot with other effort limits: `limit` gives that of each joint \[N m or N\].
+    /// The same robot with other effort limits: `limit` gives the limit of each joint \[N m or N\].
     #[must_use]
     pub fn with_effort_limits(&self, limit: impl Fn(usize, &Joint) -> f64) -> Self {
         let mut parts = self.shared.parts.clone();
@@ -229,7 +228,7 @@ impl Model {
         self.shared.parts.frames.iter().find(|f| f.name == name)
     }
 
-    /// Position of the joint called `name` in every joint vector.
+    /// Index of the joint called `name` in every joint vector.
     pub fn joint_index(&self, name: &str) -> Option<usize> {
         self.shared.parts.joints.iter().position(|j| j.name == name)
     }

@@ -1,5 +1,5 @@
 //! Mass properties of rigid bodies: about the centre of mass, as in a URDF ([`RigidInertia`]), and about a frame's
-//! origin, as the recursions need them ([`SpatialInertia`]).
+//! origin, as in the recursions ([`SpatialInertia`]).
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use std::ops::{Add, AddAssign};
@@ -51,8 +51,8 @@ impl RigidInertia {
     /// Checks that a rigid body can have these mass properties.
     ///
     /// # Errors
-    /// [`InertiaError`] for a non-positive mass, an indefinite inertia, or principal moments that break
-    /// the triangle inequality by more than rounding (1e-9 of the largest: a thin rod meets it exactly).
+    /// [`InertiaError`] for a non-positive mass, an indefinite inertia, or principal moments that violate the triangle
+    /// inequality by more than rounding (1e-9 of the largest: a thin rod satisfies it with equality).
     pub fn check(&self) -> Result<(), InertiaError> {
         if !(self.mass.is_finite() && self.mass > 0.0) {
             return Err(InertiaError::Mass(self.mass));
@@ -75,7 +75,7 @@ impl RigidInertia {
         Ok(())
     }
 
-    /// The same body's properties in frame A, where `X_AB` is the pose of its frame B in A.
+    /// The same mass properties in frame A, where `X_AB` is the pose of their frame B in A.
     pub fn expressed_in(&self, X_AB: &Pose) -> Self {
         let r = X_AB.rotation.matrix();
         Self {
@@ -109,7 +109,7 @@ pub(crate) fn parallel_axis(r: &Vector3<f64>) -> Symmetric3 {
 
 /// Spatial inertia about a frame's origin: mass, first moment and second moment.
 ///
-/// The sum of two (same frame) is the inertia of the bodies welded together.
+/// The sum of two spatial inertias (same frame) is the inertia of the bodies welded together.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpatialInertia {
     /// Mass \[kg\].
@@ -138,11 +138,11 @@ impl SpatialInertia {
         }
     }
 
-    /// The same inertia about another point, from which its present reference point lies at `p` (same axes).
+    /// The same inertia about a new reference point, from which the present one lies at `p` (same axes).
     #[inline]
     pub fn shifted(&self, p: &Vector3<f64>) -> Self {
-        // I + m D(p) + 2 (p·h) 1 - p hᵀ - h pᵀ: the parallel-axis theorem without dividing by m. With
-        // g = h + m p / 2 all but I is 2 (p·g) 1 - p gᵀ - g pᵀ.
+        // I + m D(p) + 2 (p·h) 1 - p hᵀ - h pᵀ: the parallel-axis theorem without division by m. With g = h + m p / 2,
+        // all terms but I are 2 (p·g) 1 - p gᵀ - g pᵀ.
         let half = p * (0.5 * self.mass);
         let g = self.first_moment + half;
         Self {
@@ -258,7 +258,7 @@ mod tests {
         ));
         b.about_com[(0, 1)] = f64::NAN;
         assert!(matches!(b.check(), Err(InertiaError::NotFinite(_))));
-        // A thin disc meets the triangle inequality with equality.
+        // A thin disc satisfies the triangle inequality with equality.
         b.about_com = Matrix3::from_diagonal(&Vector3::new(0.1, 0.2, 0.1 + 0.2));
         assert_eq!(b.check(), Ok(()));
     }

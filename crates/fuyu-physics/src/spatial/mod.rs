@@ -13,9 +13,9 @@
 //! | `v_AB_C` | velocity of B's origin in A, components in C \[m/s\] |
 //! | `I_BP_C` | rotational inertia of body B about point P, components in C \[kg m²\] |
 //!
-//! W is the inertial world, I the frame of the system's centre of mass that does not rotate, B the base (`base_link`),
-//! E the tip (end effector), D the desired tip pose (goal), C the system's centre of mass. All units are SI.
-//! `docs/symbols.md` has further frames, and the inertias.
+//! W is the inertial world, I the non-rotating frame at the system's centre of mass, B the base (`base_link`), E the
+//! tip (end effector), D the desired tip pose (goal), C the system's centre of mass. All units are SI.
+//! `docs/symbols.md` defines further frames, and the inertias.
 //!
 //! # Conventions
 //!
@@ -46,5 +46,5 @@ pub(crate) use segments::closest_points;
 pub use symmetric::Symmetric3;
 pub use vector::{Twist, Wrench};
 
-/// A pose `X_AB` with its rotation as a matrix, the form that the recursions multiply with.
+/// A pose `X_AB` with its rotation as a matrix, as the recursions use it.
 pub type Pose = nalgebra::IsometryMatrix3<f64>;

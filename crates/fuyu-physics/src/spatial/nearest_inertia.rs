@@ -4,22 +4,22 @@ use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
 use super::RigidInertia;
 
-/// Density that no material of a robot exceeds (tungsten has 19 300) \[kg/m³\].
+/// Upper bound of the density of a robot's materials (tungsten has 19 300) \[kg/m³\].
 const DENSEST: f64 = 2e4;
-/// Smallest second moment of mass relative to the largest principal moment of inertia, of a body that would be a line.
+/// Smallest second moment of mass of a line-shaped body, relative to the largest principal moment of inertia.
 const THINNEST: f64 = 1e-3;
 
 impl RigidInertia {
-    /// The valid inertia ([`RigidInertia::check`]) nearest to this one in the Frobenius norm, with the same mass and centre of
-    /// mass, and the distance \[kg m²\]. `None` if the mass is not positive, a number is not finite, or no part of the tensor
-    /// is that of a rigid body: its nearest valid one is zero, although it is not zero itself.
+    /// The valid inertia ([`RigidInertia::check`]) nearest to this one in the Frobenius norm, with the same mass and
+    /// centre of mass, and the distance \[kg m²\]. `None` if the mass is not positive, if a number is not finite, or if
+    /// the nearest valid tensor is zero although this tensor is not.
     ///
     /// A tensor belongs to a mass distribution if and only if `½ tr(I) 1 - I`, the second moment of mass, is positive
     /// semidefinite (Wensing, Kim and Slotine, "Linear matrix inequalities for physically consistent inertial parameter
-    /// identification", IEEE RA-L 3 (2018), eqs. (8)-(10)); its eigenvalues are then the second moments along the principal
-    /// axes. The nearest such tensor has the same principal axes, so that only three numbers are sought. If it is singular,
-    /// because all mass is in a point or on a line, second moments are at least those of a solid sphere with this mass and
-    /// 20 000 kg/m³, and at most a thousandth of the largest principal moment.
+    /// identification", IEEE RA-L 3 (2018), eqs. (8)-(10)); its eigenvalues are then the second moments along the
+    /// principal axes. The nearest such tensor has the same principal axes, so that only three numbers are unknown. If
+    /// it is singular, because all mass is in a point or on a line, second moments are at least those of a solid sphere
+    /// with this mass and 20 000 kg/m³, and at most a thousandth of the largest principal moment.
     pub fn nearest_valid(&self) -> Option<(Self, f64)> {
         let finite = self.com.iter().chain(&self.about_com);
         if !(self.mass.is_finite() && self.mass > 0.0 && finite.copied().all(f64::is_finite)) {
@@ -60,9 +60,9 @@ impl RigidInertia {
     }
 }
 
-/// The principal moments nearest to `given` whose second moments of mass are at least `floor`: moments are `A p` for second
-/// moments `p`, with `A = 1 1ᵀ - E`, which makes this a least-squares problem with bounds. In three variables all 8 sets of
-/// those at their bounds can be tried.
+/// The principal moments nearest to `given` whose second moments of mass are at least `floor`. Moments are `A p` for
+/// second moments `p`, with `A = 1 1ᵀ - E`, so this is a least-squares problem with bounds. For three variables all 8
+/// sets of active bounds can be tried.
 fn nearest_moments(given: &Vector3<f64>, floor: f64) -> Vector3<f64> {
     let map = Matrix3::from_element(1.0) - Matrix3::identity();
     let wanted = given - map * Vector3::repeat(floor);

@@ -21,8 +21,8 @@ pub fn exp_so3(u: &Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(nalgebra::Quaternion::from_parts(c, v))
 }
 
-/// The same attitudes as a continuous sequence of quaternions: of `q` and `-q`, which are the same attitude, it takes the
-/// one closer to its predecessor.
+/// The same attitudes as a continuous sequence of quaternions: of `q` and `-q`, which are the same attitude, the one
+/// closer to its predecessor.
 pub fn unwound(
     attitudes: impl Iterator<Item = UnitQuaternion<f64>>,
 ) -> impl Iterator<Item = UnitQuaternion<f64>> {
@@ -37,9 +37,9 @@ pub fn unwound(
     })
 }
 
-/// Rate `u'` of the exponential coordinates of `R(t) = R0 exp([u×])` that turns with body-frame
-/// angular velocity `w` (`R' = R [w×]`): the inverse right differential of the exponential,
-/// `u' = w + ½ u × w + (1 - (θ/2) cot(θ/2))/θ² u × (u × w)`, `θ = |u|`.
+/// Rate `u'` of the exponential coordinates of `R(t) = R0 exp([u×])` at body-frame angular velocity `w` (`R' = R
+/// [w×]`): the inverse right differential of the exponential, `u' = w + ½ u × w + (1 - (θ/2) cot(θ/2))/θ² u × (u × w)`,
+/// `θ = |u|`.
 ///
 /// With it, any Runge-Kutta tableau integrates attitude on the rotation group (Munthe-Kaas). Valid for `θ < 2π`; `θ` is the
 /// angle of rotation within one integration step.

@@ -1,9 +1,9 @@
-//! Distances of segments.
+//! Closest points of segments.
 
 use nalgebra::Vector3;
 
 /// The closest points of two segments, either of which may be a point (C. Ericson, Real-Time Collision Detection, 2005,
-/// section 5.1.9). Of parallel segments, the middle of where they are next to each other.
+/// section 5.1.9). For parallel segments, the middle of the part in which they overlap.
 pub(crate) fn closest_points(
     first: &[Vector3<f64>; 2],
     second: &[Vector3<f64>; 2],
@@ -40,7 +40,7 @@ pub(crate) fn closest_points(
 mod tests {
     use super::*;
 
-    // By sampling both segments finely. Would break with parallel segments or points that divide by zero.
+    // By sampling both segments finely. Fails for parallel segments or points if these divide by zero.
     #[test]
     fn distances_of_segments_are_those_of_their_points() {
         let mut x = 0.37_f64;

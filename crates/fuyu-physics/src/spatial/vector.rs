@@ -97,7 +97,7 @@ impl Wrench {
         Self { torque, force }
     }
 
-    /// Whether any of `wrenches` is not zero. Without branches, since every evaluation calls it.
+    /// Whether any of `wrenches` is not zero. Branchless, since every evaluation calls it.
     #[inline]
     pub(crate) fn any(wrenches: &[Self]) -> bool {
         // The union of all bits except the signs: faster than a sum, whose additions depend on each other.
@@ -110,7 +110,7 @@ impl Wrench {
         bits << 1 != 0
     }
 
-    /// The same wrench about another point, from which its present reference point lies at `p` (same axes).
+    /// The same wrench about a new reference point, from which the present one lies at `p` (same axes).
     #[inline]
     pub fn shifted(&self, p: &Vector3<f64>) -> Self {
         Self {

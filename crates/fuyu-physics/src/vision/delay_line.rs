@@ -7,7 +7,7 @@ use super::exposure_schedule::SLACK;
 /// A queue that delivers each frame a given time after its exposure, and counts the frames that were lost.
 #[derive(Debug)]
 pub(super) struct DelayLine<F> {
-    /// Each with its time of exposure \[s\], oldest first.
+    /// Frames with their times of exposure \[s\], oldest first.
     waiting: VecDeque<(f64, F)>,
     lost: u64,
 }

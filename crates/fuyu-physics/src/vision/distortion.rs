@@ -52,12 +52,12 @@ const TOLERANCE: f64 = 1e-9;
 const STEPS: usize = 30;
 
 impl Distortion {
-    /// The distortion of a `CameraInfo` with `distortion_model` and coefficients `d`; `None` if there is none: no
-    /// coefficients, or only zeros of a polynomial model, which may be one that is not known here. An equidistant lens shows the angle, not its
-    /// tangent, also with zeros.
+    /// The distortion of a `CameraInfo` with `distortion_model` and coefficients `d`. `None` without distortion:
+    /// without coefficients, or if all are zero, even for an unknown model; but not for an equidistant lens, whose
+    /// image radius is the angle, not its tangent, even with zero coefficients.
     ///
     /// # Errors
-    /// [`DistortionError`] if there are coefficients, and the model is not known or has another number of them.
+    /// [`DistortionError`] if there are coefficients, and the model is unknown or has a different number of them.
     pub fn new(model: &str, d: &[f64]) -> Result<Option<Self>, DistortionError> {
         if let Some(value) = d.iter().find(|d| !d.is_finite()) {
             return Err(DistortionError::Value(*value));
@@ -118,7 +118,7 @@ impl Distortion {
     pub fn undistort(&self, d: &Vector2<f64>) -> Option<Vector2<f64>> {
         let mut n = match self {
             Self::PlumbBob(_) => *d,
-            // Without coefficients the radius is the angle.
+            // With zero coefficients the radius is the angle.
             Self::Equidistant(_) => {
                 let angle = d.norm().min(1.5);
                 d * (angle.tan() / angle.max(1e-12))
@@ -149,7 +149,7 @@ impl Distortion {
         None
     }
 
-    /// The pixel at which a camera without distortion shows what this one shows at (`u`, `v`) \[px\].
+    /// The pixel at which a camera without distortion shows the point that this one shows at (`u`, `v`) \[px\].
     ///
     /// # Errors
     /// [`DistortionError::Outside`] if the lens shows nothing there.

@@ -3,7 +3,7 @@
 /// Tolerance \[s\] when a sum of periods is compared with a time.
 pub(super) const SLACK: f64 = 1e-9;
 
-/// Exposures at a constant rate, from the first time shown on.
+/// Exposures at a constant rate, starting at the first time shown.
 #[derive(Debug, Clone, Default)]
 pub(super) struct ExposureSchedule {
     /// Index of the next exposure, counted from `start`.
@@ -14,7 +14,7 @@ pub(super) struct ExposureSchedule {
     last_shown: Option<f64>,
 }
 
-/// Whether a time that is shown to the camera is that of an exposure.
+/// Whether a time shown to the camera is a time of exposure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Exposure {
     /// No exposure: none is due, or this time was shown before.

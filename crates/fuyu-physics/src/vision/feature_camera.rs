@@ -13,7 +13,7 @@ use crate::spatial::Pose;
 pub struct BodyPoint {
     /// Position in the body's frame B \[m\].
     pub p_B: Vector3<f64>,
-    /// Outward normal of the surface there, in B: the point is visible from the half space that it faces.
+    /// Outward normal of the surface there, in B: the point is visible from the half space to which the normal points.
     pub normal_B: UnitVector3<f64>,
 }
 
@@ -30,8 +30,8 @@ impl BodyPoint {
         points.collect()
     }
 
-    /// Points of a roughly convex body in B \[m\], such as a mesh's vertices: the normal of each points away from
-    /// their mean.
+    /// Points of a roughly convex body in B \[m\], such as a mesh's vertices: the normal of each point is directed away
+    /// from the mean of all points.
     pub fn of_vertices(vertices: &[Vector3<f64>]) -> Vec<Self> {
         let mean = vertices.iter().sum::<Vector3<f64>>() / vertices.len().max(1) as f64;
         let facing =
@@ -73,7 +73,7 @@ pub struct FeatureCameraConfig {
 
 impl FeatureCameraConfig {
     /// An ideal camera with a square image of `resolution` pixels a side and `width` focal lengths: it tracks every
-    /// point at every time shown, those on the far side too, without delay or error.
+    /// point at every time shown, including those on the far side, without delay or error.
     pub fn ideal(resolution: u32, width: f64) -> Self {
         Self {
             pinhole: Pinhole::square(resolution, width),
@@ -93,9 +93,9 @@ impl FeatureCameraConfig {
 
 /// A camera that tracks feature points of one body.
 ///
-/// [`show`](Self::show) gives it the body's true pose at increasing times; [`deliver`](Self::deliver) returns the frames
-/// that have arrived. A point that is not in a frame (lost, hidden, outside the image) returns under a new id, as from a
-/// tracker that knows nothing of the body.
+/// Call [`show`](Self::show) with the body's true pose at increasing times; [`deliver`](Self::deliver) returns the
+/// frames that have arrived. A point that is missing in a frame (lost, hidden, outside the image) returns under a new
+/// id, as from a tracker without knowledge of the body.
 ///
 /// ```
 /// # #![allow(non_snake_case)]
@@ -125,12 +125,12 @@ pub struct FeatureCamera {
     /// The id of each point while it is tracked.
     ids: Vec<Option<u64>>,
     next_id: u64,
-    /// None is a pinhole.
+    /// The lens; without one the camera is a pinhole.
     lens: Option<Lens>,
     stream: FrameStream<FeatureFrame>,
 }
 
-/// Takes the point (x, y) of the image plane at z = 1 to where a lens shows it.
+/// Maps the point (x, y) of the image plane at z = 1 to its distorted position.
 struct Lens(Box<dyn Fn([f64; 2]) -> [f64; 2] + Send>);
 
 impl std::fmt::Debug for Lens {
@@ -151,7 +151,7 @@ impl FeatureCameraConfig {
 }
 
 impl FeatureCamera {
-    /// A camera that tracks `points`. Those tracked first get the ids 0, 1, ... in their order.
+    /// A camera that tracks `points`. The first ones tracked get the ids 0, 1, ... in their order.
     pub fn new(config: FeatureCameraConfig, points: Vec<BodyPoint>) -> Self {
         Self {
             stream: FrameStream::new(config.stream()),
@@ -163,7 +163,8 @@ impl FeatureCamera {
         }
     }
 
-    /// The same camera with a lens that shows the point (x, y) of the image plane at z = 1 at `distort` of it.
+    /// The same camera with a lens, which shows the point (x, y) of the image plane at z = 1 at the position
+    /// `distort([x, y])`.
     #[must_use]
     pub fn with_lens(self, distort: impl Fn([f64; 2]) -> [f64; 2] + Send + 'static) -> Self {
         let lens = Some(Lens(Box::new(distort)));
@@ -175,7 +176,7 @@ impl FeatureCamera {
         &self.config
     }
 
-    /// Changes the settings from now on; frames that were exposed before are still delivered.
+    /// Changes the settings from now on; earlier exposures are still delivered.
     pub fn set_config(&mut self, config: FeatureCameraConfig) {
         self.stream.set_config(config.stream());
         self.config = config;
@@ -191,9 +192,9 @@ impl FeatureCamera {
         self.stream.is_due(time)
     }
 
-    /// Gives the camera the body's true pose `X_CB` in its optical frame at `time` \[s\]; it exposes if a frame is due.
-    /// A time that is given twice is exposed once. When time jumps back (the simulation was restarted) the camera
-    /// starts again, with the same noise but new ids.
+    /// Shows the camera the body's true pose `X_CB` in its optical frame at `time` \[s\]; it exposes if a frame is due.
+    /// A time that is shown twice is exposed once. When time jumps back (the simulation was restarted), the camera
+    /// restarts with the same noise but new ids.
     pub fn show(&mut self, time: f64, X_CB: &Pose) {
         let Some(exposure) = self.stream.expose(time) else {
             return;

@@ -1,4 +1,4 @@
-//! Timing and losses that all cameras have in common: rate, latency, lost frames, and the random generator of their noise.
+//! Timing and losses common to all cameras: rate, latency, lost frames, and the random generator of their noise.
 
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
@@ -24,17 +24,17 @@ pub struct FrameStream<F> {
     config: StreamConfig,
     schedule: ExposureSchedule,
     delay_line: DelayLine<F>,
-    /// Generator of the camera's noise. A camera draws the same number of values for every frame, so that no setting
-    /// changes the noise of later frames.
+    /// Generator of the camera's noise. A camera must draw the same number of values for every frame, so that no
+    /// setting changes the noise of later frames.
     pub random: StdRng,
 }
 
 /// An exposure that is due.
 #[derive(Debug, Clone, Copy)]
 pub struct DueExposure {
-    /// Whether it is the first after time jumped back: another simulation run.
+    /// Whether this is the first exposure after time jumped back: another simulation run.
     pub first_of_run: bool,
-    /// Whether its frame is lost.
+    /// Whether the frame of this exposure is lost.
     pub lost: bool,
 }
 
@@ -49,8 +49,8 @@ impl<F> FrameStream<F> {
         }
     }
 
-    /// Changes the settings from now on; frames that wait for delivery are kept. Another seed starts the noise again,
-    /// another rate the schedule.
+    /// Changes the settings from now on; frames that wait for delivery are kept. A new seed restarts the noise, a new
+    /// rate restarts the schedule.
     pub fn set_config(&mut self, config: StreamConfig) {
         if config.seed != self.config.seed {
             self.random = StdRng::seed_from_u64(config.seed);
@@ -71,8 +71,8 @@ impl<F> FrameStream<F> {
         self.schedule.is_due(time, self.config.rate)
     }
 
-    /// The exposure at `time` \[s\], if one is due. After time jumped back, waiting frames are dropped and the noise starts
-    /// again.
+    /// The exposure at `time` \[s\], if one is due. If time jumps back, waiting frames are dropped and the noise
+    /// restarts.
     pub fn expose(&mut self, time: f64) -> Option<DueExposure> {
         let exposure = self.schedule.show(time, self.config.rate);
         let first_of_run = exposure == Exposure::FirstOfRun;

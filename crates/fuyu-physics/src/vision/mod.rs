@@ -1,5 +1,5 @@
-//! Cameras on the moving base: pose measurements of tip and goal, feature tracks of a body, attitudes of a star
-//! tracker, and how accurate they are.
+//! Cameras on the moving base: pose measurements of tip and goal, feature tracks of a body, attitudes from a star
+//! tracker, and their accuracy.
 
 mod delay_line;
 mod distortion;

@@ -16,7 +16,7 @@ pub struct Pinhole {
     pub cy: f64,
 }
 
-/// An intrinsic parameter that no camera can have.
+/// An invalid intrinsic parameter.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("camera: {name} is {value} px; it must be {right}")]
 pub struct PinholeError {

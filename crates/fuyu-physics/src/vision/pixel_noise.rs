@@ -1,4 +1,4 @@
-//! Accuracy of a pose that is fitted to image points.
+//! Accuracy of a pose fitted to image points.
 
 use nalgebra::{Matrix2x3, Matrix6, Vector3, Vector6};
 
@@ -7,9 +7,9 @@ use crate::spatial::Pose;
 /// Standard deviations of a measured pose, in camera axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseAccuracy {
-    /// Of each coordinate of the position \[m\]; z is the distance.
+    /// Standard deviation of each coordinate of the position \[m\]; z is the distance.
     pub position: Vector3<f64>,
-    /// Of each component of the small rotation \[rad\].
+    /// Standard deviation of each component of the small rotation \[rad\].
     pub attitude: Vector3<f64>,
 }
 
@@ -145,7 +145,7 @@ mod tests {
         }
         let scatter = (squares / f64::from(runs)).map(f64::sqrt);
         for k in 0..3 {
-            // 400 runs tell a deviation to 3.5 %.
+            // 400 runs determine a deviation to 3.5 %.
             assert!(
                 (scatter[k] / stated.position[k] - 1.0).abs() < 0.12,
                 "{k}: {scatter} {stated:?}"

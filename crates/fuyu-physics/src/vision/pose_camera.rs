@@ -1,4 +1,4 @@
-//! A camera that measures the poses of the arm tip and of its goal, with the errors of a real one.
+//! A camera that measures the poses of the arm tip and of its goal, with the errors of a real camera.
 
 use nalgebra::{Rotation3, Translation3, Vector3};
 use rand::RngExt;
@@ -43,16 +43,16 @@ impl Default for PoseCameraConfig {
 pub struct PoseFrame {
     /// Time of exposure \[s\].
     pub time: f64,
-    /// Tip pose in the base frame at that time.
+    /// Tip pose in the base frame at the exposure.
     pub X_BE: Pose,
-    /// Goal pose in the base frame at that time; `None` while there is no goal.
+    /// Goal pose in the base frame at the exposure; `None` without a goal.
     pub X_BD: Option<Pose>,
 }
 
-/// A camera on the base that measures where the arm's tip and its goal are in the base frame.
+/// A camera on the base that measures the poses of the arm's tip and of its goal in the base frame.
 ///
-/// [`show`](Self::show) gives it the true poses at increasing times; [`deliver`](Self::deliver) returns the frames that
-/// have arrived, with rate, latency, noise and losses of its [`PoseCameraConfig`].
+/// Call [`show`](Self::show) with the true poses at increasing times; [`deliver`](Self::deliver) returns the frames
+/// that have arrived, with rate, latency, noise and losses of the camera's [`PoseCameraConfig`].
 ///
 /// ```
 /// # #![allow(non_snake_case)]
@@ -115,7 +115,7 @@ impl PoseCamera {
         &self.config
     }
 
-    /// Changes accuracy and timing from now on; frames that were exposed before are still delivered.
+    /// Changes accuracy and timing from now on; earlier exposures are still delivered.
     pub fn set_config(&mut self, config: PoseCameraConfig) {
         self.stream.set_config(config.stream());
         self.config = config;
@@ -132,14 +132,14 @@ impl PoseCamera {
     }
 
     /// Shows the camera the true poses of tip and goal in the base frame at `time` \[s\]; it exposes if a frame is due.
-    /// A time that is shown twice is exposed once. When time jumps back (the simulation was restarted) the camera
-    /// starts again, with the same noise.
+    /// A time that is shown twice is exposed once. When time jumps back (the simulation was restarted), the camera
+    /// restarts with the same noise.
     pub fn show(&mut self, time: f64, X_BE: &Pose, X_BD: Option<&Pose>) {
         let Some(exposure) = self.stream.expose(time) else {
             return;
         };
         let X_BE = self.disturb(X_BE);
-        // Noise is drawn for a goal that is absent too: it must not change the noise of later frames.
+        // Noise is also drawn without a goal, so that a goal does not change the noise of later frames.
         let measured = self.disturb(X_BD.unwrap_or(&Pose::identity()));
         let X_BD = X_BD.map(|_| measured);
         let frame = PoseFrame { time, X_BE, X_BD };

@@ -1,4 +1,4 @@
-//! A star tracker: attitude in inertial space, with rate, noise and latency.
+//! A star tracker: measures attitude in inertial space, with rate, noise and latency.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::RngExt;
@@ -14,7 +14,7 @@ pub struct StarTrackerConfig {
     pub rate: f64,
     /// Delay from exposure to delivery \[s\].
     pub latency: f64,
-    /// Standard deviation of each component of the small rotation that is added, base axes \[rad\].
+    /// Standard deviation of each component of the added small rotation, base axes \[rad\].
     pub noise: f64,
     /// Probability that an attitude is lost, in [0, 1].
     pub dropout: f64,
@@ -39,14 +39,14 @@ impl Default for StarTrackerConfig {
 pub struct StarTrackerFrame {
     /// Time of exposure \[s\].
     pub time: f64,
-    /// Attitude of the base in the world at that time.
+    /// Attitude of the base in the world at the exposure.
     pub R_WB: UnitQuaternion<f64>,
 }
 
 /// A star tracker on the base.
 ///
-/// [`show`](Self::show) gives it the true attitude at increasing times; [`deliver`](Self::deliver) returns what has
-/// arrived.
+/// Call [`show`](Self::show) with the true attitude at increasing times; [`deliver`](Self::deliver) returns the
+/// attitudes that have arrived.
 ///
 /// ```
 /// # #![allow(non_snake_case)]
@@ -116,8 +116,9 @@ impl StarTracker {
         self.stream.is_due(time)
     }
 
-    /// Shows the tracker the true attitude at `time` \[s\]; it exposes if that is due. A time that is shown twice is
-    /// exposed once. When time jumps back (the simulation was restarted) the tracker starts again, with the same noise.
+    /// Shows the star tracker the true attitude at `time` \[s\]; it exposes if an attitude is due. A time that is shown
+    /// twice is exposed once. When time jumps back (the simulation was restarted), the star tracker restarts with the
+    /// same noise.
     pub fn show(&mut self, time: f64, R_WB: &UnitQuaternion<f64>) {
         let Some(exposure) = self.stream.expose(time) else {
             return;

@@ -1,4 +1,4 @@
-//! Datasets that several processes fill, or that are continued.
+//! Datasets filled by several processes, or continued.
 
 use super::*;
 
@@ -15,7 +15,7 @@ fn a_range_may_be_ended_and_continued() {
         run_range(&campaign, &dataset, 0..=39, &options(2), control).unwrap()
     };
     assert_eq!(until(0), Progress { done: 0, total: 40 });
-    // Computed runs are kept: 4 that wait for being written, and 1 in each of the 2 threads.
+    // Rows computed before the stop are kept: 4 waiting to be written, and 1 in each of the 2 threads.
     let Progress { done, total: 40 } = until(5) else {
         unreachable!("the range has 40 runs")
     };
@@ -25,7 +25,7 @@ fn a_range_may_be_ended_and_continued() {
     assert_eq!(dataset.rows().unwrap().len(), 40);
 }
 
-/// The results of a folder, file by file.
+/// The contents of the result files.
 fn bytes(dataset: &Dataset) -> Vec<(String, Vec<u8>)> {
     let files = fs::read_dir(dataset.folder().join("results")).unwrap();
     let read = files.map(|file| {
@@ -47,7 +47,7 @@ fn ranges_order_and_threads_do_not_change_the_dataset() {
     let dataset = |name: &str| Dataset::create(&campaign, &folder.path().join(name)).unwrap();
     let whole = dataset("whole");
     run_range(&campaign, &whole, 0..=299, &options(1), |_| Continue(())).unwrap();
-    // Ranges that do not end where tables do, computed at the same time in any order, one of them twice.
+    // Ranges that do not end at table boundaries, computed at the same time in any order, one of them twice.
     let parts = dataset("parts");
     std::thread::scope(|scope| {
         for range in [200..=299, 0..=99, 100..=199, 0..=99, 50..=260] {
@@ -85,7 +85,8 @@ fn a_journal_with_a_line_that_was_cut_off_continues() {
     assert!(!journal.exists());
 }
 
-// A process with fewer runs completes its table while another one adds rows beyond it: these must not go with the journal.
+// A process with fewer runs completes its table while another one adds rows beyond it: these rows must not be removed
+// with the journal.
 #[test]
 fn rows_of_a_process_with_more_runs_stay() {
     let sized = |runs| {
@@ -114,7 +115,7 @@ fn rows_of_a_process_with_more_runs_stay() {
         drop(short);
         let journal = out.join("journal/part-000001.256-499.jsonl");
         assert!(journal.exists());
-        // As if the other process had looked at it just before a row was added.
+        // Removed, as if the other process had read it just before a row was added.
         if is_removed {
             fs::remove_file(&journal).unwrap();
         }
@@ -122,7 +123,7 @@ fn rows_of_a_process_with_more_runs_stay() {
         (256..=299).for_each(|run| long.add(&row(run)).unwrap());
         assert_eq!(more.rows().unwrap().len(), 244);
         assert!(!journal.exists());
-        // The first one again changes nothing.
+        // Repeating the first range changes nothing.
         range::RangeWriter::new(less, 256..=299).unwrap();
         assert_eq!(more.rows().unwrap().len(), 244);
     }

@@ -1,10 +1,10 @@
-//! Runs in processes: what hangs, dies or does not start.
+//! Runs in processes that hang, die or do not start.
 
 use std::{ops::ControlFlow, os::unix::fs::PermissionsExt};
 
 use super::*;
 
-// Whoever waits for a row must not wait for those after it.
+// A row must be available before later runs are done.
 #[test]
 fn a_row_is_there_before_the_next_run_begins() {
     let lines = "keep: {series: {period: 0.1, values: [tip_position_error]}}";
@@ -23,7 +23,7 @@ fn a_row_is_there_before_the_next_run_begins() {
     assert_eq!(seen, [(0, 1), (1, 2)]);
 }
 
-/// An executable that is no worker.
+/// An executable that is not a worker.
 fn worker(folder: &Path, script: &str) -> Workers {
     let path = folder.join("worker.sh");
     fs::write(&path, format!("#!/bin/sh\n{script}\n")).unwrap();
@@ -31,8 +31,8 @@ fn worker(folder: &Path, script: &str) -> Workers {
     Workers::Processes(vec![path.into()])
 }
 
-/// Computes all runs of a campaign in a new dataset below `folder`, with one process of a script. Returns the dataset, and how
-/// far it came.
+/// Computes all runs of a campaign in a new dataset below `folder`, with one process of a script. Returns the dataset
+/// and the progress.
 fn computed(
     campaign: &Campaign,
     folder: &Path,
@@ -81,7 +81,7 @@ fn a_process_that_hangs_or_dies_is_a_row() {
     }
 }
 
-// No run is to blame for a process that cannot start, also if it is not the first one: rows would be there for good.
+// A process that cannot start is not the fault of a run, even if it is not the first process: rows would be permanent.
 #[test]
 fn a_process_that_cannot_start_ends_the_campaign_without_rows() {
     for (script, expected) in [
@@ -109,7 +109,7 @@ fn a_process_that_cannot_start_ends_the_campaign_without_rows() {
     }
 }
 
-// The run would take ten minutes, and so would the test if nobody looked meanwhile.
+// The run would take ten minutes, and so would the test if the stop request were ignored.
 #[test]
 fn a_stop_request_ends_a_run() {
     for script in [
@@ -136,7 +136,7 @@ fn a_stop_request_ends_a_run() {
     }
 }
 
-// A failed run is simulated twice if only its bag is kept, each time up to the limit.
+// If only bags of failed runs are kept, a failed run is simulated twice, each time up to the limit.
 #[test]
 fn a_repetition_for_the_bag_has_its_own_time() {
     let lines = |bags: &str| {
@@ -149,7 +149,8 @@ fn a_repetition_for_the_bag_has_its_own_time() {
     let twice = campaign(1, 1.0, &lines("failed")).unwrap();
     assert!((engine::longest_wait(&twice, 0) - 225.0).abs() < 1e-9);
     let folder = tempfile::tempdir().unwrap();
-    // The repetition takes at least as long, but is not in the wall time; something else may interrupt the first attempt.
+    // The repetition takes at least as long but does not count in the wall time; other load may interrupt the first
+    // attempt.
     let is_first = (0..10).any(|_| {
         let start = std::time::Instant::now();
         let row = twice.run_one(0, Some(folder.path())).unwrap();

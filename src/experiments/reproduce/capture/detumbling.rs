@@ -1,4 +1,4 @@
-//! Closed forms of detumbling.
+//! Detumbling: simulation compared with closed forms.
 
 use nalgebra::Vector3;
 
@@ -53,7 +53,7 @@ fn inertia(mass: f64, moments: Vector3<f64>) -> RigidInertia {
     }
 }
 
-/// A couple against the angular momentum takes it down linearly, whatever the body does.
+/// A couple against the angular momentum reduces it linearly, regardless of the body's motion.
 fn couple(report: &mut Report) {
     const TORQUE: f64 = 2.0;
     let model =

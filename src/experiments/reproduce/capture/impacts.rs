@@ -14,7 +14,8 @@ use crate::{
     spatial::{Pose, RigidInertia, Twist},
 };
 
-/// `d v` and coefficient of restitution `e = (1 + W0(-(1 + a) exp(-(1 + a)))) / a`, by Lambert's function in 30 digits.
+/// `d v` and coefficient of restitution `e = (1 + W0(-(1 + a) exp(-(1 + a)))) / a`, by Lambert's W function in 30
+/// digits.
 const RESTITUTION: [(f64, f64); 9] = [
     (0.01, 0.993_377_454_399),
     (0.05, 0.967_738_578_531),
@@ -127,8 +128,8 @@ pub(super) fn restitution(mut report: Report) -> Report {
     report
 }
 
-/// Oblique impact of a spinning ball of 10 kg on a fixed plane: the contact point is the ball's deepest, so that the
-/// slip follows `G(s0) - G(s1) = μ P / m_t` whatever the normal force.
+/// Oblique impact of a spinning ball of 10 kg on a fixed plane: the contact point is the ball's deepest point, so that
+/// the slip follows `G(s0) - G(s1) = μ P / m_t` for any normal force.
 pub(super) fn friction(mut report: Report) -> Report {
     let (mass, inertia, friction, speed) = (10.0, 0.01, 0.1, 1e-4);
     let law = ContactLaw {

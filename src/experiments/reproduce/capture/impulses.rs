@@ -1,4 +1,4 @@
-//! Impulses of capture, against values of two other programs.
+//! Capture impulses, compared with values of two other programs.
 
 use nalgebra::{DVector, Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde_json::Value;
@@ -13,9 +13,9 @@ use crate::{
     spatial::{Pose, RigidInertia, Twist},
 };
 
-/// Cases by Pinocchio 4.1 (a system of equations with the constraint) and by maximal coordinates, which agree to 4e-15
-/// in velocities and 3e-13 in impulses. Velocities are those of the base's origin and of the target's centre of mass,
-/// world axes.
+/// Cases computed by Pinocchio 4.1 (a system of equations with the constraint) and in maximal coordinates; both agree
+/// to 4e-15 in velocities and 3e-13 in impulses. Velocities are those of the base's origin and of the target's centre
+/// of mass, world axes.
 const CASES: &str = include_str!("impulses.json");
 
 fn numbers(value: &Value) -> Vec<f64> {

@@ -1,4 +1,4 @@
-//! Capture: closed forms of impacts, friction and detumbling, and impulses that two other programs compute.
+//! Capture: closed forms of impacts, friction and detumbling, and impulses computed by two other programs.
 
 mod detumbling;
 mod impacts;
@@ -6,7 +6,7 @@ mod impulses;
 
 use super::Reproduction;
 
-/// All results on capture.
+/// All reproductions on capture.
 pub(super) const CAPTURE: &[Reproduction] = &[
     Reproduction {
         name: "capture-restitution",

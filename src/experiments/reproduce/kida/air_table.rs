@@ -56,7 +56,7 @@ pub(super) fn table_3_1(report: Report) -> Report {
     })
 }
 
-/// The table with some modes, numbered from 1 as in Table 3.1.
+/// The air table with some modes, numbered from 1 as in Table 3.1.
 fn with_modes(modes: &[usize]) -> Result<fuyu_lti::StateSpace, fuyu_lti::LtiError> {
     let frequencies: Vec<f64> = modes.iter().map(|m| TAU * FREQUENCIES_HZ[m - 1]).collect();
     let shapes = Matrix::from_fn(modes.len(), 1, |i, _| SHAPES[modes[i] - 1]);
@@ -68,7 +68,7 @@ pub(super) fn fig_3_5(report: Report) -> Report {
     completed(report, |report| {
         const RANGE: (f64, f64) = (1.0, 200.0);
         let (all, five) = (plant(7)?, with_modes(&[1, 2, 3, 4, 6])?);
-        // Largest difference of the gains near the modes left out.
+        // Largest difference of the gains near the modes that are left out.
         let mut largest = 0.0_f64;
         for f in [FREQUENCIES_HZ[4], FREQUENCIES_HZ[6]] {
             for i in -200..=200 {

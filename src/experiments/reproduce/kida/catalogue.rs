@@ -1,4 +1,4 @@
-//! Names and captions.
+//! Names and captions of the reproductions of Kida 1993.
 
 use super::{
     air_table, designs, double_loop, feedback, loop_shaping, proof_mass, servicer, shaping, tables,
@@ -22,7 +22,7 @@ const fn table(name: &'static str, shows: &'static str) -> Reproduction {
     one(name, shows, tables::chapter_2)
 }
 
-/// All of Kida 1993.
+/// All reproductions of Kida 1993.
 pub const KIDA: &[Reproduction] = &[
     one(
         "kida-theorems-2",

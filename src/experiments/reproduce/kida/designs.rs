@@ -12,7 +12,7 @@ use super::{Outcome, completed};
 use crate::experiments::Mark;
 use crate::experiments::reproduce::Report;
 
-/// Largest real parts \[rad/s\] that an independent program (Python with refined Riccati solutions) computed.
+/// Largest real parts \[rad/s\], computed by an independent program (Python with refined Riccati solutions).
 const INDEPENDENT: [f64; 5] = [
     0.124_265_404_5,
     -0.041_067_866_0,
@@ -37,7 +37,7 @@ fn response(design: &Design) -> Result<StepFigures, LtiError> {
     Ok(step_figures(&angle, 0.01, 1f64.to_radians(), 0.05))
 }
 
-/// Data that all designs share.
+/// Checks common to all designs.
 fn common(report: &mut Report, i: usize) -> Result<Design, Box<dyn std::error::Error>> {
     let d = design(&DESIGNS[i - 1])?;
     let verdict = if d.config.stable_in_thesis {
@@ -135,7 +135,7 @@ fn pictures(report: &mut Report, d: &Design, i: usize) -> Outcome {
         over_time("angle [deg]", vec![angle("limited torque", &limited)]),
         over_time("torque [N m]", vec![torque("limited torque", &limited)]),
     ];
-    // Without the limit an unstable response leaves the picture.
+    // Without the torque limit, an unstable response would leave the picture.
     if d.config.stable_in_thesis {
         panels[0].series.push(angle("no limit", &free));
         panels[1].series.push(torque("no limit", &free));

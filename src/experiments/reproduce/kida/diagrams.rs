@@ -1,10 +1,10 @@
-//! Diagrams of control theory as figures: Bode, Nyquist, singular values, poles, root loci, responses in time.
+//! Figures of control theory: Bode, Nyquist, singular values, poles, root loci, time responses.
 
 use fuyu_lti::{Complex, LtiError, StateSpace};
 
 use crate::experiments::{Figure, Mark, Marks, Panel, PlaneFigure, Series};
 
-/// Frequencies per decade, besides those around lightly damped poles and zeros.
+/// Frequencies per decade, in addition to those near lightly damped poles and zeros.
 const DENSITY: usize = 60;
 
 pub(super) const FREQUENCY: &str = "frequency [rad/s]";
@@ -32,7 +32,7 @@ pub(super) fn gain_curve(
     Ok(series(name, points.collect()))
 }
 
-/// Gain and phase of the first output from the first input of each system. Gains are cut at `limits` \[dB\].
+/// Gain and phase of the first output from the first input of each system. Gains are clipped at `limits` \[dB\].
 pub(super) fn bode(
     title: &str,
     systems: &[(&str, &StateSpace)],
@@ -43,7 +43,7 @@ pub(super) fn bode(
     for (name, system) in systems {
         let grid = system.frequency_grid(range.0, range.1, DENSITY)?;
         let points = system.bode(0, 0, &grid)?;
-        // Phases begin between -270 and 90 degrees.
+        // The first phase is between -270 and 90 degrees.
         let first = points.first().map_or(0.0, |p| p.phase_deg);
         let shift = 360.0 * ((-90.0 - first) / 360.0).round();
         gains.push(series(
@@ -78,7 +78,7 @@ pub(super) fn gain_panel(y_label: &str, series: Vec<Series>, limits: (f64, f64))
     }
 }
 
-/// All singular values of a system \[dB\] as one curve for each.
+/// All singular values of a system \[dB\], one curve each.
 pub(super) fn singular_values(
     system: &StateSpace,
     (low, high): (f64, f64),
@@ -96,7 +96,7 @@ pub(super) fn singular_values(
     Ok(NAMES.iter().enumerate().filter_map(curve).collect())
 }
 
-/// Nyquist curves of loops that negative feedback closes, with the unit circle and the point -1.
+/// Nyquist curves of loops with negative feedback, with the unit circle and the point -1.
 pub(super) fn nyquist(
     title: &str,
     loops: &[(&str, &StateSpace)],
@@ -123,8 +123,8 @@ pub(super) fn nyquist(
     })
 }
 
-/// The frequency response in the complex plane, with points so close that the curve is smooth where it is within `half`
-/// of the origin.
+/// The frequency response in the complex plane, with points dense enough for a smooth curve within `half` of the
+/// origin.
 fn smooth(
     system: &StateSpace,
     (low, high): (f64, f64),
@@ -159,13 +159,13 @@ pub(super) fn marks(name: &str, mark: Mark, points: Vec<(f64, f64)>) -> Marks {
     }
 }
 
-/// Points of the upper half of the complex plane.
+/// Roots in the upper half of the complex plane, as points.
 pub(super) fn upper(roots: &[Complex]) -> Vec<(f64, f64)> {
     let upper = roots.iter().filter(|s| s.im >= 0.0);
     upper.map(|s| (s.re, s.im)).collect()
 }
 
-/// Poles and zeros in the upper half-plane, each axis with its own scale.
+/// Poles and zeros in the upper half-plane; the axes have different scales.
 pub(super) fn pole_map(
     title: &str,
     marks: Vec<Marks>,
@@ -184,8 +184,8 @@ pub(super) fn pole_map(
     }
 }
 
-/// Paths of the poles in the upper half-plane as a parameter grows, with interruptions between them. Each pole
-/// continues at the nearest one of the next value.
+/// Root locus: paths of the poles in the upper half-plane as a parameter grows, with interruptions between them. Each
+/// pole continues at the nearest pole for the next parameter value.
 pub(super) fn branches(locus: &[(f64, Vec<Complex>)]) -> Vec<(f64, f64)> {
     let mut paths: Vec<Vec<Complex>> = Vec::new();
     for (_, poles) in locus {
@@ -194,7 +194,7 @@ pub(super) fn branches(locus: &[(f64, Vec<Complex>)]) -> Vec<(f64, f64)> {
             paths = left.into_iter().map(|p| vec![p]).collect();
             continue;
         }
-        // The closest pairs first.
+        // Pair the closest poles first.
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
         for (i, path) in paths.iter().enumerate() {
             let end = path[path.len() - 1];
@@ -242,7 +242,7 @@ pub(super) fn time_figure(title: &str, panels: Vec<Panel>) -> Figure {
     }
 }
 
-/// Samples every `step` s.
+/// Samples at intervals of `step` s.
 pub(super) fn sampled(name: &str, step: f64, values: impl IntoIterator<Item = f64>) -> Series {
     let points = values.into_iter().enumerate();
     series(name, points.map(|(i, v)| (step * i as f64, v)).collect())
@@ -263,7 +263,7 @@ pub(super) fn abscissa(poles: &[Complex]) -> f64 {
 mod tests {
     use super::*;
 
-    // Two poles that pass each other far apart keep their paths, whatever the order in which an eigenvalue routine
+    // Two poles that pass each other far apart keep their paths, regardless of the order in which an eigenvalue routine
     // returns them.
     #[test]
     fn branches_follow_each_pole() {

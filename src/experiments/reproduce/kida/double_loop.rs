@@ -1,4 +1,4 @@
-//! Figs. 4.15 to 4.20: H-infinity control of the air table, with and without direct rate feedback inside.
+//! Figs. 4.15 to 4.20: H-infinity control of the air table, with and without an inner loop of direct rate feedback.
 
 use fuyu_lti::kida1993::air_table::{FREQUENCIES_HZ, plant, structure};
 use fuyu_lti::kida1993::double_loop::{
@@ -15,14 +15,14 @@ use super::{Outcome, completed};
 use crate::experiments::reproduce::Report;
 use crate::experiments::{Figure, Series};
 
-/// The pictures' frequencies \[rad/s\].
+/// Frequencies of the figures \[rad/s\].
 const RANGE: (f64, f64) = (0.1, 200.0);
 
 const WEIGHT: &str = "W2 as printed, 36 s^2 / (s^2 + 8 s + 36), covers the model error with rate feedback. Without it \
     the first vibration needs 166, so the comparison has 200 (its weight is not printed). gamma is nine tenths of the \
     largest possible, as it is not printed.";
 
-/// Both designs: with rate feedback inside, and without.
+/// Both designs: with an inner rate feedback loop, and without.
 fn designs() -> Result<[(Problem, DoubleLoop); 2], LtiError> {
     let design = |inner| {
         let problem = air_table_problem(inner)?;
@@ -32,13 +32,13 @@ fn designs() -> Result<[(Problem, DoubleLoop); 2], LtiError> {
     Ok([design(true)?, design(false)?])
 }
 
-/// The table with `modes` modes under the rate gain, from torque to `[angle; rate]`.
+/// The air table with `modes` modes under rate feedback, from torque to `[angle; rate]`.
 fn damped(modes: usize, rate_gain: f64) -> Result<StateSpace, LtiError> {
     let gain = Matrix::from_element(1, 1, rate_gain);
     structure(modes)?.direct_feedback(&Matrix::zeros(1, 1), &gain)
 }
 
-/// The loop at the torque: plant, then controller.
+/// The loop opened at the torque: plant, then controller.
 fn open_loop(
     modes: usize,
     rate_gain: f64,

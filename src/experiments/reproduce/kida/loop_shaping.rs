@@ -8,20 +8,20 @@ use super::{completed, number};
 use crate::experiments::Figure;
 use crate::experiments::reproduce::Report;
 
-/// The picture's frequencies \[rad/s\].
+/// Frequencies of the figure \[rad/s\].
 const RANGE: (f64, f64) = (0.01, 1000.0);
 
 fn gain(system: &StateSpace, w: f64) -> f64 {
     system.response(w).map_or(f64::NAN, |g| g[(0, 0)].norm())
 }
 
-/// Largest gain at any frequency.
+/// Largest gain over all frequencies.
 fn largest(system: &StateSpace) -> f64 {
     let at = (0..400).map(|i| 1e-3 * 10f64.powf(7.0 * f64::from(i) / 399.0));
     at.map(|w| gain(system, w)).fold(0.0, f64::max)
 }
 
-/// A design's name in pictures.
+/// A design's name in the legend.
 fn in_legend(name: &str) -> &str {
     match name {
         "J1" => "u weighted (J1)",
@@ -31,7 +31,7 @@ fn in_legend(name: &str) -> &str {
     }
 }
 
-/// One of the examples, by its figure's number in the report's name.
+/// One of the examples, chosen by the figure's number in the report's name.
 pub(super) fn example(report: Report) -> Report {
     completed(report, |report| {
         let figure = number(report).to_owned();

@@ -24,10 +24,10 @@ pub(super) use catalogue::KIDA;
 
 use super::Report;
 
-/// What computing a report can fail with. No failure occurs with the published data.
+/// Result of computing a report. No failure occurs with the published data.
 type Outcome = Result<(), Box<dyn std::error::Error>>;
 
-/// The report that `fill` completes. A failure becomes a row that is not reproduced.
+/// Completes a report by `fill`. A failure becomes a row that is not reproduced.
 fn completed(mut report: Report, fill: impl FnOnce(&mut Report) -> Outcome) -> Report {
     if let Err(error) = fill(&mut report) {
         report.holds(&error.to_string(), f64::NAN, false);

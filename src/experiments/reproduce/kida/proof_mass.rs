@@ -20,12 +20,12 @@ const CONTRADICTION: &str = "The arm's length and the mode's shape at the actuat
 
 const SITUATIONS: [&str; 3] = ["on the ground", "ten times the damping", "without gravity"];
 
-/// The root locus of one of three situations, by the figure's number in the report's name.
+/// The root locus of one of three situations, chosen by the figure's number in the report's name.
 pub(super) fn root_locus(report: Report) -> Report {
     completed(report, |report| {
         let figure = number(report).to_owned();
         let which: usize = figure.trim_start_matches("4.").parse::<usize>()? - 4;
-        // The set that meets this figure's limit; the second also meets the third figure's.
+        // Unprinted parameters that meet this figure's limit; the second set also meets the third figure's limit.
         let unprinted = if which == 1 {
             FROM_SECOND_AND_THIRD
         } else {
@@ -135,7 +135,7 @@ fn structural(poles: &[Complex]) -> f64 {
     mode.map_or(f64::NAN, |p| -p.re / p.norm())
 }
 
-/// The same with the compensated actuator at gain d.
+/// As [`structural`], with the compensated actuator at gain d.
 fn damping(unprinted: &Unprinted, d: f64) -> Result<f64, LtiError> {
     let structure = structure(unprinted)?;
     Ok(structural(

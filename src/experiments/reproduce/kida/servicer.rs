@@ -18,7 +18,7 @@ const ROBOT: &str = "The servicer of Masutani 1995 (urdf/servicer.urdf) with two
     bending modes from .1955 Hz, torsion .625 Hz, damping .005), joints locked. Postures A: all zero; B: .3, .8, -1.4, \
     .6, .4, 0; C: 1.2, 1.9, -2.2, -.7, .5, .3 rad.";
 
-/// Base-free frequencies \[Hz\] by an independent program for array angles 0 and .6 rad, postures A, B, C.
+/// Frequencies with free base \[Hz\] by an independent program, for array angles 0 and .6 rad and postures A, B, C.
 const FREQUENCIES: [(f64, [[f64; 8]; 3]); 2] = [
     (
         0.0,
@@ -92,12 +92,12 @@ const FREQUENCIES: [(f64, [[f64; 8]; 3]); 2] = [
     ),
 ];
 
-/// Zeros from three torques to three angles \[Hz\], in every posture, by an independent program.
+/// Transmission zeros from three torques to three angles \[Hz\], the same in every posture, by an independent program.
 const ZEROS: [f64; 8] = [
     0.195513, 0.198138, 0.625, 0.625, 1.225260, 1.230379, 3.430763, 3.435717,
 ];
 
-/// Largest distance of two lists of the same length; infinite for other lengths.
+/// Largest difference of two lists of the same length; infinite if lengths differ.
 fn distance(a: &[f64], b: &[f64]) -> f64 {
     match a.len() == b.len() {
         true => a
@@ -173,7 +173,7 @@ pub(super) fn zeros(report: Report) -> Report {
     })
 }
 
-/// Poles and zeros while the elbow turns.
+/// Poles and zeros as functions of the elbow angle.
 fn along_the_arm() -> Result<Figure, Box<dyn std::error::Error>> {
     let servicer = Servicer::new(0.0)?;
     let (mut poles, mut zeros) = (vec![Vec::new(); 8], vec![Vec::new(); 8]);
@@ -263,7 +263,7 @@ pub(super) fn feedback(report: Report) -> Report {
     })
 }
 
-/// Theorem 4.1 in random postures, and a gain against its premise.
+/// Theorem 4.1 in random postures, and with a gain that violates its premise.
 fn random_postures(report: &mut Report, servicer: &Servicer) -> Outcome {
     const COUNT: usize = 400;
     let (p, d) = gains();
@@ -288,14 +288,14 @@ fn random_postures(report: &mut Report, servicer: &Servicer) -> Outcome {
     Ok(())
 }
 
-/// Spectral radius of the loop sampled every `step` s, with a delay \[s\].
+/// Spectral radius of the loop sampled every `step` s, with a `delay` \[s\].
 fn radius(posture: &Structure, step: f64, delay: f64) -> Result<f64, LtiError> {
     let plant = posture.displacement_and_rate_system()?;
     let sampled = plant.zero_order_hold_delayed(step, delay)?;
     spectral_radius(&sampled.feedback(&direct_feedback(GAINS))?.a)
 }
 
-/// Sampling and delay, which Theorem 4.1 does not cover.
+/// Effects of sampling and delay, which Theorem 4.1 does not cover.
 fn sampled_loops(report: &mut Report, postures: &[(&str, Structure)]) -> Outcome {
     for ((name, posture), expected) in postures.iter().zip([1.0065, 1.0021, 0.9968]) {
         let found = radius(posture, 0.5, 0.5)?;
@@ -388,7 +388,7 @@ pub(super) fn double_loop(report: Report) -> Report {
                 noise: 0.01,
             })
         };
-        // The error is largest at the lower end without rate feedback, so that end is part of the definition.
+        // Without rate feedback the error is largest at the lower end, so that this end is part of the definition.
         let plant = structures[0].with_actuators(&[1])?.displacement_system()?;
         let mut grid = plant.frequency_grid(1.0001e-3, 100.0, 300)?;
         grid.insert(0, 1e-3);

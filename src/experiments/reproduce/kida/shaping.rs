@@ -6,7 +6,7 @@ use crate::experiments::kida1993::shaping_theorems::{on_random_structures, recov
 use crate::experiments::reproduce::Report;
 use crate::experiments::{Dots, Figure, Panel};
 
-/// Random structures.
+/// Number of random structures.
 const COUNT: usize = 100;
 
 pub(super) fn theorems(report: Report) -> Report {
@@ -61,7 +61,7 @@ pub(super) fn theorems(report: Report) -> Report {
             recovered[9],
             falls && recovered[9] < 0.1,
         );
-        // Nearer to zero its Riccati equation has no accurate solution.
+        // For noise closer to zero the Riccati equation has no accurate solution.
         let elsewhere = recovery(&noises[..5], false)?;
         report.holds(
             "Theorem 3.6: with a zero in the right half-plane, at mu = 1e-10: not recovered, above 0.3",

@@ -8,10 +8,10 @@ use super::{Outcome, completed, number};
 use crate::experiments::Mark;
 use crate::experiments::reproduce::Report;
 
-/// Largest difference of a computed value from one printed with three decimals.
+/// Largest difference of a computed value from a value printed with three decimals.
 const PRINTED: f64 = 5e-4;
 
-/// One of the tables, by its number in the report's name.
+/// One of the tables, chosen by its number in the report's name.
 pub(super) fn chapter_2(report: Report) -> Report {
     completed(report, |report| {
         let number: usize = number(report).trim_start_matches("2.").parse()?;
@@ -62,7 +62,7 @@ fn row_name(table: &Table, i: usize) -> String {
 }
 
 fn rows(report: &mut Report, table: &Table, column: &Column, tolerance: f64) {
-    // Values are printed to some decimals; agreement beyond them is not claimed.
+    // Printed values have few decimals; agreement beyond them is not claimed.
     let tolerance = tolerance.max(if tolerance < 1e-3 { PRINTED } else { 0.0 });
     for (i, (printed, computed)) in column.printed.iter().zip(&column.computed).enumerate() {
         if let (Printed::Value(printed), Some(computed)) = (printed, computed) {
@@ -75,7 +75,7 @@ fn rows(report: &mut Report, table: &Table, column: &Column, tolerance: f64) {
     }
 }
 
-/// A column whose print is known to be wrong: how many values are, and by how much.
+/// A column known to be misprinted: number of wrong values, and their largest error.
 fn not_reproduced(report: &mut Report, column: &Column) {
     let pairs = column.printed.iter().zip(&column.computed);
     let differences = pairs.filter_map(|(p, c)| Some((p.value()? - (*c)?).abs()));
@@ -97,8 +97,7 @@ fn not_reproduced(report: &mut Report, column: &Column) {
     );
 }
 
-/// Table 2.5 is data of the problem: that the model has these frequencies when the satellite is held is all there is to
-/// compare.
+/// Table 2.5 is input data: the only check is that the model has these frequencies when the satellite is held.
 fn input(report: &mut Report, table: &Table) -> Outcome {
     let satellite = ets6()?;
     let model = satellite.model(std::f64::consts::PI, &[0, 1, 2, 3, 4, 5, 6])?;
@@ -116,7 +115,7 @@ fn input(report: &mut Report, table: &Table) -> Outcome {
     Ok(())
 }
 
-/// Printed and computed values as in the book; a cross marks computed values that differ.
+/// Printed and computed values as in the book; computed values that differ are marked with a cross.
 fn listing(table: &Table) -> String {
     let decimals = if table.number.as_str() < "2.5" && table.number.len() == 3 {
         1
@@ -157,7 +156,7 @@ fn listing(table: &Table) -> String {
 fn map(report: &mut Report) -> Outcome {
     let satellite = ets6()?;
     let model = satellite.model(std::f64::consts::PI, &[0, 1, 2, 3, 4, 5, 6])?;
-    // Nothing is damped, so all would lie on one line; each family has a column of its own.
+    // Nothing is damped, so all would lie on one line; therefore each family has its own column.
     let hz = |roots: &[fuyu_lti::Complex], x: f64| -> Vec<(f64, f64)> {
         let upper = roots.iter().filter(|s| s.im >= 0.0);
         upper.map(|s| (x, s.im / std::f64::consts::TAU)).collect()

@@ -18,7 +18,7 @@ const SURROGATE: &str = "Fig. 3.16 with the truss's geometry is lost. The surrog
     of force and displacement), with mass and stiffness for which the book's weights act among the vibration modes. \
     Verdicts carry over, numbers do not.";
 
-/// The pictures' frequencies \[rad/s\].
+/// Frequencies of the figures \[rad/s\].
 const RANGE: (f64, f64) = (0.1, 1000.0);
 
 pub(super) fn fig_3_17(report: Report) -> Report {

@@ -1,4 +1,4 @@
-//! Figs. 2.2 to 2.4: modes of the plane truss, free and held.
+//! Figs. 2.2 to 2.4: modes of the plane truss, free and with inputs held.
 
 use fuyu_structures::kida1993::{Printed, TRUSS_INPUTS_3, TRUSS_INPUTS_4, table, truss};
 use fuyu_structures::{Matrices, Truss};
@@ -60,7 +60,7 @@ fn model() -> Result<(Truss, Matrices), fuyu_structures::StructureError> {
     Ok((truss, matrices))
 }
 
-/// Modes with the inputs held, whose frequencies are the zeros (theorem 2.1); printed in the first column of a table.
+/// Modes with the inputs held; their frequencies are the zeros (theorem 2.1), printed in the first column of a table.
 fn held(report: Report, number: usize, inputs: &[usize], words: &str) -> Report {
     completed(report, |report| {
         let (truss, matrices) = model()?;

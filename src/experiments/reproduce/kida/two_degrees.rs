@@ -14,8 +14,8 @@ use super::diagrams::{
 use crate::experiments::reproduce::Report;
 use crate::experiments::{Figure, Mark, Panel, Series};
 
-/// Weight of the matching error. With 1, as printed, the feed-forward signals cost as much as the error and are hardly
-/// used.
+/// Weight of the matching error. With 1, the printed value, the feed-forward signals cost as much as the error and are
+/// hardly used.
 const WEIGHT: f64 = 1000.0;
 
 const STEP: f64 = 0.01;

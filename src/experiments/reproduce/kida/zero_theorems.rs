@@ -5,12 +5,13 @@ use crate::experiments::kida1993::zero_theorems::{Checked, collocated, not_collo
 use crate::experiments::reproduce::Report;
 use crate::experiments::{Dots, Figure, Panel};
 
-/// Random structures for each theorem.
+/// Number of random structures for each theorem.
 const COUNT: usize = 200;
 
 /// Largest difference for collocated sensors and actuators.
 const COLLOCATED: f64 = 1e-9;
-/// Without collocation zeros may be far out, where the general solver has fewer digits.
+/// Largest difference otherwise: without collocation zeros may be very large, where the general solver is less
+/// accurate.
 const ELSEWHERE: f64 = 1e-6;
 
 pub(super) fn theorems(report: Report) -> Report {
@@ -62,7 +63,7 @@ pub(super) fn theorems(report: Report) -> Report {
                     *worst = worst.max(*error);
                 }
             }
-            // Rounding zero itself has no place on a logarithmic axis.
+            // Errors of exactly zero cannot be drawn on a logarithmic axis.
             errors.iter().map(|e| e.max(1e-17)).collect()
         };
         let dots = ["2.1", "2.2", "2.3", "2.4", "2.5", "2.6"].map(|name| Dots {

@@ -23,7 +23,7 @@ const fn map(name: &'static str, shows: &'static str) -> Reproduction {
     one(name, shows, error_maps::error_map)
 }
 
-/// All of chapter 3.
+/// All reproductions of chapter 3.
 pub const TUMBLING: &[Reproduction] = &[
     one(
         "masutani-ch3-pliers",

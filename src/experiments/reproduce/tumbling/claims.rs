@@ -72,24 +72,24 @@ fn worst(study: &Study, quantity: Quantity) -> f64 {
     largest_of(study, quantity, MotionModel::Asymmetric)
 }
 
-/// Maximum over the cells for which any model was chosen.
+/// Maximum over the cells for which `model` was chosen.
 fn largest_of(study: &Study, quantity: Quantity, model: MotionModel) -> f64 {
     let cells = study.cells(EstimationMethod::Masutani1995);
     let answered = cells.iter().filter(|c| c.model == Some(model));
     largest(answered.map(|c| quantity.of(c)))
 }
 
-/// Alternately slow and fast motions, where the text expects the error of the finite difference (2.4).
+/// Motions that are alternately slow and fast, for which the text expects a large error of the finite difference (2.4).
 fn uneven(m: &TumblingMotion, c: &Cell) -> bool {
     asymmetric(c) && m.e < 0.51 && m.s_alpha.abs() < 0.31
 }
 
-/// Nearly spherical bodies, where the text expects the error of the pixels.
+/// Nearly spherical bodies, for which the text expects a large quantisation error of the pixels.
 fn nearly_round(m: &TumblingMotion, c: &Cell) -> bool {
     asymmetric(c) && m.e > 0.74
 }
 
-/// Sec. 3.6.2.
+/// Statements of sec. 3.6.2.
 pub(super) fn preprocessing(report: &mut Report, quantity: Quantity, source: usize) {
     let [rates, rotations, images] = [
         Study::of(Source::TrueRates),
@@ -199,7 +199,7 @@ fn difference_dominates(report: &mut Report, study: &Study, quantity: Quantity) 
     );
 }
 
-/// Sec. 3.6.3.
+/// Statements of sec. 3.6.3.
 pub(super) fn resolution(report: &mut Report, quantity: Quantity, i: usize) {
     let of = |resolution: u32| Study::images(resolution, 20);
     let study = of(RESOLUTIONS[i]);
@@ -247,12 +247,12 @@ pub(super) fn resolution(report: &mut Report, quantity: Quantity, i: usize) {
     }
 }
 
-/// Sec. 3.6.4.
+/// Statements of sec. 3.6.4.
 pub(super) fn points(report: &mut Report, quantity: Quantity, i: usize) {
     let study = Study::images(1024, POINTS[i]);
     let twenty = Study::images(1024, 20);
     let ratio = typical(&study, quantity, nearly_round) / typical(&twenty, quantity, nearly_round);
-    // With 10 points the asymmetric model is chosen for hardly any of them.
+    // With 10 points, the asymmetric model is chosen for hardly any of these motions.
     let near_one = |study: &Study| {
         let near_one = |m: &TumblingMotion, c: &Cell| c.estimated() && m.e > 0.74 && m.e < 0.99;
         let seeds = SEEDS.map(|seed| study.with_seed(seed));
@@ -276,7 +276,7 @@ pub(super) fn points(report: &mut Report, quantity: Quantity, i: usize) {
     }
 }
 
-/// Sec. 3.6.5.
+/// Statements of sec. 3.6.5.
 pub(super) fn speed(report: &mut Report, quantity: Quantity, i: usize) {
     let (study, usual) = (at_speed(BETAS[i]), at_speed(0.8));
     let flat = |m: &TumblingMotion, c: &Cell| asymmetric(c) && m.e < 0.51;

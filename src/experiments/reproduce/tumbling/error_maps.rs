@@ -1,4 +1,4 @@
-//! Figs. 3.18 to 3.26 and 3.31 to 3.52: errors over all kinds of motion, by both methods.
+//! Figs. 3.18 to 3.26 and 3.31 to 3.52: error maps over all kinds of motion, by both methods.
 
 use super::claims::Quantity::{Attitude, Axis, Parameters};
 use super::claims::{
@@ -93,7 +93,7 @@ pub(super) fn error_map(mut report: Report) -> Report {
 fn reference(report: &mut Report, quantity: Quantity, study: &Study) {
     let known = match study.source {
         _ if study.coarse => None,
-        // Known to one digit; two of its motions are known more accurately and agree.
+        // Known to one digit; for two of its motions there are more digits, which agree.
         Source::TrueRates => Some((5.5e-5, 0.45)),
         Source::TrueRotations => Some((0.0052, 2.5)),
         Source::Images {
@@ -120,18 +120,18 @@ fn reference(report: &mut Report, quantity: Quantity, study: &Study) {
         "median {} of an independent implementation",
         quantity.label()
     );
-    // It used different points, which matter more the coarser the images are.
+    // The implementation used other points, which matter more for coarser images.
     let share = match study.source {
         Source::Images { resolution, .. } if resolution < 1024 => 0.25,
         _ => 0.1,
     };
-    // To two digits.
+    // Rounded to two digits.
     let unit = 0.01 * 10f64.powf(expected.log10().floor());
     let tolerance = (share * expected / unit).round() * unit;
     report.near(&quantity, expected, computed, tolerance);
 }
 
-/// Bundle adjustment on the same images.
+/// Compares bundle adjustment on the same images.
 fn past_the_thesis(report: &mut Report, study: &Study) {
     let Source::Images {
         resolution, points, ..
@@ -142,7 +142,7 @@ fn past_the_thesis(report: &mut Report, study: &Study) {
     if study.beta != 0.8 || points != 20 {
         return;
     }
-    // The accuracy that whole pixels allow.
+    // Accuracy that whole pixels permit.
     let limit = 0.02 * 1024.0 / f64::from(resolution);
     let cells = study.cells(EstimationMethod::Bundle);
     let asked = cells.iter().enumerate();

@@ -11,10 +11,10 @@ use crate::experiments::masutani_ch3::{
 };
 use crate::experiments::{MapPanel, MapScale};
 
-/// Number of point sets over which a result from images is the median: the sets of the thesis are unknown.
+/// Seeds of the point sets over which a result from images is the median: the point sets of the thesis are unknown.
 pub(super) const SEEDS: std::ops::RangeInclusive<u64> = 1..=5;
 
-/// A table, its conditions, and the fraction of its cells that must agree with the print.
+/// A table, its conditions, and the fraction of cells that must agree with the printed table.
 struct Case {
     table: &'static ModelTable,
     study: Study,
@@ -30,7 +30,7 @@ fn case(number: &str) -> Case {
     match number {
         "3.2" => of(&TABLE_3_2, Study::of(Source::TrueRates), 0.97),
         "3.3" => of(&TABLE_3_3, Study::of(Source::TrueRotations), 0.98),
-        // Table 3.5, with the same conditions, differs from it in 7.5 % of the printed cells.
+        // Table 3.5 has the same conditions, and differs from Table 3.4 in 7.5 % of the printed cells.
         "3.4" => of(&TABLE_3_4, Study::images(1024, 20), 0.80),
         "3.5" => of(&TABLE_3_5, Study::images(1024, 20), 0.87),
         "3.6" => of(&TABLE_3_6, Study::images(512, 20), 0.80),
@@ -69,7 +69,7 @@ pub(super) fn model_table(mut report: Report) -> Report {
         .collect();
     for (_, model) in MotionModel::NAMES {
         if model == MotionModel::Aperiodic {
-            // Not used in chapter 3.
+            // This model is not used in chapter 3.
             continue;
         }
         let of_it = |found: &MotionModel| *found == model;

@@ -10,8 +10,8 @@ use crate::estimation::masutani1995::{Analysis, Fit, Rate};
 use crate::experiments::masutani_ch3::{self as chapter, CellErrors, Condition};
 use crate::experiments::{Figure, Panel, PlaneFigure, Series};
 
-/// Moments \[kg m²\], momentum \[N m s\] and energy \[J\]. The printed moments are ten times smaller, for which `L²/2E`
-/// is outside their range.
+/// Moments \[kg m²\], momentum \[N m s\] and energy \[J\]. The printed moments are ten times smaller; with these,
+/// `L²/2E` would be outside their range.
 const MOMENTS: [f64; 3] = [94.2, 94.2 * 4.0 / 7.0, 94.2 * 3.0 / 7.0];
 const MOMENTUM: f64 = 46.3;
 const ENERGY: f64 = 20.0;
@@ -139,7 +139,7 @@ fn shape(report: &mut Report) {
     );
 }
 
-/// Number of flips of the pliers' axis in the 40 s of Figs. 3.3 and 3.4.
+/// Number of flips of the pliers' axis during the 40 s of Figs. 3.3 and 3.4.
 fn turning_over(report: &mut Report, truth: &FreeRotation) {
     let momentum = truth.momentum_direction();
     let along = |t: f64| momentum.dot(&(truth.attitude(t) * Vector3::y()));

@@ -1,4 +1,4 @@
-//! Sweeps over motions, computed once per process since several figures show the same sweep.
+//! Sweeps over motions, computed once per process, since several figures show the same sweep.
 
 use indicatif::{ProgressBar, ProgressStyle};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -33,7 +33,7 @@ pub(super) struct Study {
     pub source: Source,
     /// Largest `|w|²` \[rad²/s²\].
     pub beta: f64,
-    /// The 88 motions of sec. 3.6.5 rather than the 294 of the others.
+    /// Whether the sweep has the 88 motions of sec. 3.6.5 instead of the usual 294.
     pub coarse: bool,
 }
 
@@ -108,7 +108,7 @@ impl Study {
         Grid::new(self.coarse)
     }
 
-    /// The motions, all momenta of the first isotropy, then of the next.
+    /// The motions: all momenta of the first isotropy, then of the next.
     pub fn motions(&self) -> Vec<TumblingMotion> {
         let Grid {
             isotropies,
@@ -126,8 +126,8 @@ impl Study {
         cells.map(motion).collect()
     }
 
-    /// The isotropies and momenta for which a method is evaluated, if not all: bundle adjustment takes seconds for some
-    /// motions, so only a subset is computed.
+    /// The grid of motions for which a method is evaluated, if not all: bundle adjustment takes seconds for some
+    /// motions, so that only a subset is computed.
     pub fn part(&self, method: EstimationMethod) -> Option<Grid> {
         let Grid {
             isotropies,
@@ -140,7 +140,7 @@ impl Study {
         })
     }
 
-    /// Whether a method is evaluated for motion `index`.
+    /// Whether a method is evaluated for the motion of this index.
     pub fn is_evaluated(&self, index: usize, method: EstimationMethod) -> bool {
         let momenta = self.grid().momenta.len();
         method != EstimationMethod::Bundle
@@ -148,7 +148,7 @@ impl Study {
                 && (index % momenta).is_multiple_of(STEPS.1))
     }
 
-    /// The sweep by one method, computed once; bundle adjustment needs images. Motions for which the method is not
+    /// The results by one method, computed once; bundle adjustment needs images. Motions for which the method is not
     /// evaluated ([`Study::is_evaluated`]) have no errors.
     pub fn cells(&self, method: EstimationMethod) -> Arc<Vec<Cell>> {
         static DONE: Mutex<Vec<Sweep>> = Mutex::new(Vec::new());

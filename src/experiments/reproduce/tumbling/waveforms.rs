@@ -1,4 +1,4 @@
-//! Figs. 3.27 to 3.30: oscillation of `|w|²`, and where noise hides it.
+//! Figs. 3.27 to 3.30: oscillation of `|w|²`, and motions for which noise hides it.
 
 use super::study::{SEED, Source, Study};
 use super::{Report, map, number};
@@ -35,7 +35,7 @@ fn closed_form(
     values
 }
 
-/// Fraction of neighbouring pairs along one grid axis for which `first` and `second` are in the expected order.
+/// Fraction of neighbouring pairs along one axis of the grid for which `first` and `second` are in the expected order.
 fn share(
     values: &[(TumblingMotion, f64)],
     next: impl Fn(&TumblingMotion, &TumblingMotion) -> bool,
@@ -109,7 +109,7 @@ pub(super) fn amplitude_map(mut report: Report) -> Report {
 /// A motion, its measured `|w|²` over time, and its estimate by the thesis's method.
 type Seen = (FreeRotation, Vec<(f64, f64)>, Analysis);
 
-/// The motion of Figs. 3.29 and 3.30, or its mirror image in momentum.
+/// The motion of Figs. 3.29 and 3.30, or its mirror image with respect to momentum.
 fn seen(s_alpha: f64) -> Option<Seen> {
     let motion = TumblingMotion {
         e: 0.9,

@@ -1,4 +1,4 @@
-//! A robot or target that is drawn: where its links are during an exposure.
+//! A robot or target to be drawn, and the motion of its links during an exposure.
 
 use fuyu_render::Motion;
 use nalgebra::{DVector, Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -22,19 +22,19 @@ pub struct Body {
     parts: Vec<(Frame, Part)>,
 }
 
-/// A state of a body, from which its motion during an exposure follows.
+/// State of a body, from which its motion during an exposure is computed.
 pub struct BodyState {
     q: DVector<f64>,
     qd: DVector<f64>,
     X_WB: Isometry3<f64>,
-    /// Velocity of the base frame's origin, in its axes \[m/s\].
+    /// Velocity of the base frame's origin, in base axes \[m/s\].
     v_WB_B: Vector3<f64>,
-    /// Angular velocity, in its axes \[rad/s\].
+    /// Angular velocity, in base axes \[rad/s\].
     w_WB_B: Vector3<f64>,
 }
 
 impl Body {
-    /// A body with the links of `model` and this shape. Parts on links that the model does not have are left out.
+    /// A body with the links of `model` and the meshes of `shape`. Meshes on links that `model` lacks are left out.
     pub fn new(model: Model, shape: &Shape) -> Self {
         let parts = shape.parts.iter();
         let parts = parts.filter_map(|part| Some((model.frame(&part.link)?.clone(), part.clone())));
@@ -45,7 +45,7 @@ impl Body {
         }
     }
 
-    /// Its links and joints.
+    /// Its model of links and joints.
     pub fn model(&self) -> &Model {
         &self.model
     }
@@ -55,10 +55,10 @@ impl Body {
         self.parts.iter().map(|(_, part)| part)
     }
 
-    /// The state in messages; without joints there need be no joint state.
+    /// The state from messages; without `joints`, joint positions and rates are zero.
     ///
     /// # Errors
-    /// Names the value that is missing or invalid.
+    /// Names the missing or invalid value.
     pub fn state(
         &self,
         joints: Option<&JointState>,
@@ -92,8 +92,8 @@ impl Body {
         })
     }
 
-    /// Motions of frames, given by a function of the body's links in the base frame, in an exposure of `exposure` seconds whose
-    /// middle is at the state.
+    /// Motions of the frames that `of_frames` gives in the base frame, during an exposure of `exposure` seconds;
+    /// `state` is at mid-exposure.
     fn motions(
         &mut self,
         state: &BodyState,
@@ -115,7 +115,7 @@ impl Body {
         pairs.map(|(open, close)| Motion { open, close }).collect()
     }
 
-    /// Motions of its parts in an exposure of `exposure` seconds whose middle is at the state.
+    /// Motions of its meshes during an exposure of `exposure` seconds; `state` is at mid-exposure.
     pub fn part_motions(&mut self, state: &BodyState, exposure: f64) -> Vec<Motion> {
         let frames: Vec<_> = (self.parts.iter())
             .map(|(frame, part)| (frame.clone(), part.origin))
@@ -128,7 +128,7 @@ impl Body {
         })
     }
 
-    /// Motion of a link's frame.
+    /// Motion of a link's frame during an exposure; `state` is at mid-exposure.
     pub fn frame_motion(&mut self, frame: &Frame, state: &BodyState, exposure: f64) -> Motion {
         let place = |workspace: &Workspace| vec![with_quaternion(&workspace.X_BF(frame))];
         self.motions(state, exposure, place)[0]

@@ -12,19 +12,19 @@ use super::{
 };
 use crate::{model::Frame, nodes::camera::images::shape::Shape};
 
-/// Seed of the sky, which is the same in all runs.
+/// Seed of the random stars, the same in all runs.
 const SKY: u64 = 1;
 
-/// The bodies and cameras at one time.
+/// Bodies and cameras during one exposure.
 #[derive(Debug, Clone)]
 pub struct Shot {
     /// Middle of the exposure \[s\].
     pub time: f64,
-    /// Number of the exposure, for independent noise.
+    /// Number of the exposure, which makes noise independent.
     pub number: u64,
-    /// Bodies.
+    /// Meshes of the bodies.
     instances: Vec<Instance>,
-    /// Optical frames of the cameras.
+    /// Motions of the cameras' optical frames.
     cameras: Vec<Motion>,
     settings: Arc<ImageSettings>,
 }
@@ -32,17 +32,17 @@ pub struct Shot {
 /// The bodies, the robot first.
 pub struct Stage {
     bodies: Vec<Body>,
-    /// Optical frames of the cameras on the robot.
+    /// Optical frames of the cameras, on the robot.
     frames: Vec<Frame>,
     settings: Arc<ImageSettings>,
     number: u64,
 }
 
 impl Stage {
-    /// The robot and the targets.
+    /// A stage with the robot and the targets.
     ///
     /// # Errors
-    /// A line that names the parameter if the robot has no link of that name.
+    /// A line that names the parameter of a link that the robot does not have.
     pub fn new(params: &ImageParams, robot: Body, targets: Vec<Body>) -> Result<Self, String> {
         let model = robot.model();
         let frames = params.cameras.iter().map(|spec| {
@@ -70,17 +70,17 @@ impl Stage {
         &self.bodies
     }
 
-    /// Changes the settings of later shots.
+    /// Changes the settings for later shots.
     pub fn set_settings(&mut self, settings: ImageSettings) {
         self.settings = Arc::new(settings);
     }
 
-    /// Starts the numbers of shots again, for another run.
+    /// Restarts the numbering of shots for a new run.
     pub fn restart(&mut self) {
         self.number = 0;
     }
 
-    /// The shot of all cameras at `time` \[s\], given the states of all bodies.
+    /// The shot of all cameras with mid-exposure at `time` \[s\], given the states of all bodies.
     pub fn shot(&mut self, time: f64, states: &[BodyState]) -> Shot {
         let exposure = self.settings.sensor.exposure;
         let mut instances = Vec::new();
@@ -108,20 +108,20 @@ impl Stage {
 pub struct Imager {
     params: ImageParams,
     cameras: Vec<Camera>,
-    /// First output of each camera.
+    /// Index of the first output of each camera.
     first: Vec<usize>,
     renderer: Renderer,
     scene: Scene,
-    /// Magnitude of the faintest star in the scene.
+    /// Magnitude of the faintest star currently in the scene.
     faintest: f64,
     pool: rayon::ThreadPool,
 }
 
 impl Imager {
-    /// The cameras of the parameters.
+    /// An imager with the configured cameras.
     ///
     /// # Errors
-    /// A line that names the camera that cannot be, or says that no threads can be started.
+    /// A line that names the invalid camera, or says that no threads can be started.
     pub fn new(params: &ImageParams) -> Result<Self, String> {
         let cameras = params.cameras.iter().map(|spec| {
             let camera = Camera::new(spec.intrinsics, spec.distortion, params.samples);
@@ -149,12 +149,12 @@ impl Imager {
         })
     }
 
-    /// The topics, in the order of the indices of messages.
+    /// The output topics; indices in other results refer to this order.
     pub fn outputs(params: &ImageParams) -> Vec<Output> {
         params.cameras.iter().flat_map(outputs).collect()
     }
 
-    /// The calibrations at `time` \[s\]: indices of outputs, and messages.
+    /// The calibrations at `time` \[s\], with the indices of their outputs.
     pub fn infos(&self, time: f64) -> Vec<(usize, ImageMessage)> {
         let cameras = self.params.cameras.iter().zip(&self.first);
         let all = cameras.flat_map(|(spec, first)| {
@@ -164,7 +164,7 @@ impl Imager {
         all.collect()
     }
 
-    /// Renders the images of all cameras: indices of outputs, and messages.
+    /// Renders the images of all cameras. Returns messages with the indices of their outputs.
     pub fn render(&mut self, shot: &Shot) -> Vec<(usize, ImageMessage)> {
         let settings = &shot.settings;
         let scene = &mut self.scene;
@@ -204,13 +204,13 @@ impl Imager {
         all
     }
 
-    /// A line for each camera that is inside of a closed body in a shot, whose image shows nothing else.
+    /// A line for each camera that is inside a closed mesh, so that its image shows nothing else.
     pub fn enclosed(&self, shot: &Shot) -> Vec<String> {
         let cameras = self.params.cameras.iter().zip(&self.cameras);
         let lines = cameras
             .zip(&shot.cameras)
             .filter_map(|((spec, camera), motion)| {
-                // Where the picture begins: a camera may sit on the surface of its own housing.
+                // The point where the view volume begins: a camera may be on the surface of its own housing.
                 let p_W = motion.open * Point3::new(0.0, 0.0, camera.near);
                 let around = shot.instances.iter().find(|instance| {
                     let p_M = instance.motion.open.inverse() * p_W;
@@ -230,10 +230,10 @@ impl Imager {
     }
 }
 
-/// The shape of each description, and a line for each mesh that cannot be drawn.
+/// The shape of a description, if all its meshes can be drawn.
 ///
 /// # Errors
-/// The lines, joined, if there are any.
+/// A line for each mesh that cannot be drawn.
 pub fn checked_shape(xml: &str, source: &str) -> Result<Shape, String> {
     let shape = Shape::of_urdf(xml, source);
     match shape.problems.is_empty() {

@@ -1,4 +1,4 @@
-//! Messages of rendered images, and the topics that they are published on.
+//! Messages of rendered images, and their topics.
 
 use fuyu_render::{Frame, Sensor, encode};
 
@@ -23,7 +23,7 @@ pub enum ImageMessage {
     Info(Box<CameraInfo>),
 }
 
-/// Content of an output.
+/// Message type of an output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Content {
     /// `sensor_msgs/Image`.
@@ -34,27 +34,27 @@ pub enum Content {
     Info,
 }
 
-/// A topic of a camera.
+/// An output topic of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Output {
     /// Its name, relative to the node's namespace.
     pub topic: String,
-    /// Its content.
+    /// Its message type.
     pub content: Content,
     /// Its quality of service.
     pub qos: Qos,
 }
 
-/// Which of the pair of a stereo camera; a camera without a second one is the left one.
+/// Side of a stereo camera; a single camera is the left one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
     /// At the link's frame.
     Left,
-    /// To the right of it.
+    /// Displaced to the right by the baseline.
     Right,
 }
 
-/// The topics of a camera, in the order in which [`messages`] and [`infos`] refer to them.
+/// The topics of a camera; indices returned by [`messages`] and [`infos`] refer to this order.
 pub fn outputs(spec: &CameraSpec) -> Vec<Output> {
     let name = &spec.name;
     let mut all = Vec::new();
@@ -105,10 +105,10 @@ pub fn outputs(spec: &CameraSpec) -> Vec<Output> {
     all
 }
 
-/// The calibration of a camera. `offset` is where it is in the frame of its pair's left camera, along x \[m\].
+/// The calibration of a camera. `offset` is its position in the frame of its pair's left camera, along x \[m\].
 ///
-/// The images of a pair are not rectified, but their axes are parallel and their calibrations the same: P describes them
-/// after the distortion has been removed.
+/// The images of a pair are not rectified, but their axes are parallel and their calibrations equal: after removal of
+/// the distortion, P describes them.
 fn info(spec: &CameraSpec, header: Header, offset: f64) -> CameraInfo {
     let k = &spec.intrinsics;
     let (model, d) = spec.distortion.model();
@@ -145,7 +145,7 @@ fn header(spec: &CameraSpec, time: f64) -> Header {
     }
 }
 
-/// The calibrations of a camera's outputs at `time` \[s\]: the index of the output, and the message.
+/// The calibrations of a camera at `time` \[s\], with the indices of their outputs.
 pub fn infos(spec: &CameraSpec, time: f64) -> Vec<(usize, ImageMessage)> {
     let outputs = outputs(spec);
     let calibrations = outputs.iter().enumerate();
@@ -161,7 +161,7 @@ pub fn infos(spec: &CameraSpec, time: f64) -> Vec<(usize, ImageMessage)> {
     messages.collect()
 }
 
-/// The messages of a frame of one side of a camera that was exposed at `time` \[s\]: the index of the output, and the message.
+/// The messages of a `frame` of one side of a camera, exposed at `time` \[s\], with the indices of their outputs.
 /// `number` makes the noise of frames independent.
 pub fn messages(
     spec: &CameraSpec,
@@ -186,11 +186,11 @@ pub fn messages(
             Some(("jpeg", bytes))
         }
     };
-    // The size is that of the frame, so that compression does not fail.
+    // The size matches the frame, so that compression cannot fail.
     let compressed = compressed.and_then(|(format, bytes)| {
         Some(CompressedImage {
             header: header.clone(),
-            // As image_transport writes it.
+            // The format string as written by image_transport.
             format: format!("{encoding}; {format} compressed {}", decoded(encoding)),
             data: bytes.ok()?,
         })
@@ -232,8 +232,8 @@ pub fn messages(
     messages
 }
 
-/// The encoding that a reader has after decoding, in the words of `compressed_image_transport`: OpenCV decodes colours as
-/// blue, green, red, and converts them only if this says so.
+/// The encoding after decompression, as named by `compressed_image_transport`: OpenCV decodes colours as BGR, and
+/// readers convert them only if the format string says so.
 fn decoded(encoding: &str) -> &'static str {
     if encoding == "mono8" { "mono8" } else { "bgr8" }
 }

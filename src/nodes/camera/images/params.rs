@@ -9,7 +9,7 @@ use crate::{
     vision::StreamConfig,
 };
 
-/// The camera that the features are seen by.
+/// The main camera, which also sees the features.
 pub use crate::nodes::topics::CAMERA as MAIN;
 
 /// The images of the camera node.
@@ -17,28 +17,28 @@ pub use crate::nodes::topics::CAMERA as MAIN;
 pub struct ImageParams {
     /// The cameras.
     pub cameras: Vec<CameraSpec>,
-    /// Targets that are drawn, with the robot.
+    /// Targets that are drawn in addition to the robot.
     pub bodies: Vec<String>,
     /// Samples per pixel.
     pub samples: usize,
-    /// Threads that render.
+    /// Number of rendering threads.
     pub threads: usize,
     /// Columns and rows of the shadow map.
     pub shadow_resolution: usize,
-    /// Parameters that may change while the node runs.
+    /// Live parameters, which may change while the node runs.
     pub settings: ImageSettings,
 }
 
 /// One camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraSpec {
-    /// Its name, with which its topics begin.
+    /// Its name, the prefix of its topics.
     pub name: String,
     /// The link whose frame is its optical frame.
     pub link: String,
     /// Size and intrinsic parameters.
     pub intrinsics: Intrinsics,
-    /// Its lens.
+    /// Distortion of its lens.
     pub distortion: Distortion,
     /// Encoding of its images.
     pub colour: Colour,
@@ -48,9 +48,9 @@ pub struct CameraSpec {
     pub jpeg_quality: u8,
     /// Encoding of depth images.
     pub depth: Depth,
-    /// Whether ids of bodies are published.
+    /// Whether segmentation images, with ids of bodies, are published.
     pub segmentation: bool,
-    /// Distance of a second camera to the right \[m\]; 0 is none.
+    /// Distance of the right camera of a stereo pair \[m\]; 0 for a single camera.
     pub baseline: f64,
 }
 
@@ -68,9 +68,9 @@ pub enum Colour {
 pub enum Compression {
     /// Not published.
     None,
-    /// Without loss.
+    /// Lossless.
     Png,
-    /// With loss.
+    /// Lossy.
     Jpeg,
 }
 
@@ -112,7 +112,7 @@ impl Depth {
     }
 }
 
-/// What may change while the node runs.
+/// Settings that may change while the node runs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImageSettings {
     /// Rate, latency and losses.
@@ -121,19 +121,19 @@ pub struct ImageSettings {
     pub sensor: Sensor,
     /// Direction toward the Sun in the world.
     pub sun: Vector3<f64>,
-    /// Its irradiance; 1 is full sunlight.
+    /// Solar irradiance; 1 is full sunlight.
     pub sun_intensity: f64,
-    /// Light from all directions, of full sunlight.
+    /// Ambient light, relative to full sunlight.
     pub ambient: f64,
     /// The Earth, if there is one.
     pub earth: Option<Earth>,
     /// Magnitude of the faintest stars.
     pub faintest_star: f64,
-    /// Their brightness; 1 is physical.
+    /// Gain of the stars' brightness; 1 is physical.
     pub star_gain: f64,
 }
 
-/// Handles of [`ImageSettings`].
+/// Parameter handles of [`ImageSettings`].
 pub struct LiveImageSettings {
     floats: [Param<f64>; 11],
     seed: Param<i64>,
@@ -264,7 +264,7 @@ impl LiveImageSettings {
         }
     }
 
-    /// The settings.
+    /// The current settings.
     pub fn get(&self) -> ImageSettings {
         let [
             rate,
@@ -297,7 +297,7 @@ impl LiveImageSettings {
                 full_well,
                 shot_noise: self.shot_noise.get(),
                 read_noise,
-                // The declaration has refused other names.
+                // Other names have been refused by the declaration.
                 transfer: choice::find(&TRANSFERS, &self.transfer.get())
                     .unwrap_or(Transfer::Linear),
                 seed,
@@ -313,7 +313,7 @@ impl LiveImageSettings {
 
     /// Whether a parameter has changed since the last call.
     pub fn changed(&self) -> bool {
-        // Every handle must be asked, or it will report its change later.
+        // No short circuit: every handle must be queried, or it would report its change later.
         let floats = self.floats.iter().filter(|p| p.changed()).count();
         let others = [
             self.seed.changed(),
@@ -327,11 +327,11 @@ impl LiveImageSettings {
 }
 
 impl ImageParams {
-    /// Declares the parameters and reads them; `None` without cameras. `image` are width, height and focal length of the
-    /// camera that the features are seen by, `target` is their target.
+    /// Declares and reads the parameters; `None` without cameras. `image` has width, height and focal length of the
+    /// main camera \[px\], `target` is the target whose features it sees.
     ///
     /// # Errors
-    /// A line that names the parameter whose values contradict each other.
+    /// A line that names the parameter with contradictory values.
     pub fn declare(
         declare: &mut Declare,
         image: (u32, u32, f64),
@@ -400,7 +400,7 @@ impl ImageParams {
         Ok((Some(params), live))
     }
 
-    /// Lens of the camera that the features are seen by.
+    /// Lens distortion of the main camera, which sees the features; `None` if its images are not rendered.
     pub fn main_lens(&self) -> Option<Distortion> {
         let main = self.cameras.iter().find(|c| c.name == MAIN)?;
         Some(main.distortion)
@@ -443,7 +443,7 @@ impl CameraSpec {
             let value = parameter.range(16, 8192).read_only().value();
             u32::try_from(value).unwrap_or(default)
         };
-        // Features and images of one camera have one calibration.
+        // Features and images of the main camera share one calibration.
         let (width, height) = match is_main {
             true => (width, height),
             false => (
@@ -511,7 +511,7 @@ impl CameraSpec {
             link,
             intrinsics: Intrinsics::centred(width, height, focal_length),
             distortion,
-            // The declarations have refused other names.
+            // Other names have been refused by the declarations.
             colour: choice::find(&COLOURS, &colour).unwrap_or(Colour::Mono8),
             compressed: choice::find(&COMPRESSIONS, &compressed).unwrap_or(Compression::None),
             jpeg_quality: u8::try_from(quality).unwrap_or(90),

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use crate::nodes::resource;
 
-/// Largest file of a mesh or texture \[bytes\].
+/// Largest file size of a mesh or texture \[bytes\].
 const LARGEST_FILE: u64 = 256 << 20;
 
 /// Meshes of a robot or target.
@@ -15,9 +15,9 @@ const LARGEST_FILE: u64 = 256 << 20;
 pub struct Shape {
     /// Its meshes.
     pub parts: Vec<Part>,
-    /// Warnings about them: a line each.
+    /// Warnings on the meshes, one line each.
     pub notes: Vec<String>,
-    /// Meshes that cannot be drawn, and why: a line each.
+    /// Meshes that cannot be drawn, with the reason, one line each.
     pub problems: Vec<String>,
 }
 
@@ -26,14 +26,14 @@ pub struct Shape {
 pub struct Part {
     /// Name of the link.
     pub link: String,
-    /// Place of the mesh in the link's frame.
+    /// Pose of the mesh in the link's frame.
     pub origin: Isometry3<f64>,
     /// The mesh.
     pub mesh: Arc<Mesh>,
 }
 
 impl Shape {
-    /// The shape that the visual elements of a robot description give. `source` is named in messages.
+    /// The meshes of the visual elements of a robot description. `source` names the description in messages.
     pub fn of_urdf(xml: &str, source: &str) -> Self {
         let mut shape = Self::default();
         let visuals = match urdf::visuals(xml) {
@@ -70,7 +70,7 @@ impl Shape {
             let texture = load::texture(&read(file)?);
             material = Material {
                 texture: Some(texture.map_err(|e| format!("{file}: {e}"))?),
-                // A texture without a colour is shown as it is.
+                // Without a colour, a texture is shown unchanged.
                 diffuse: visual.colour.unwrap_or([1.0; 3]),
                 ..material
             };
@@ -115,7 +115,7 @@ fn read(name: &str) -> Result<Vec<u8>, String> {
     resource::resolve(name)?.bytes(LARGEST_FILE)
 }
 
-/// The file that is called `name` in `folder`, as a name without `..`, which names of packages must not have.
+/// The path of `name` relative to `folder`, without `..`, which is not allowed in names of package files.
 fn below(folder: &str, name: &str) -> String {
     let mut parts: Vec<&str> = folder.split('/').collect();
     for part in name.split('/') {
@@ -188,7 +188,7 @@ mod tests {
         let texture = below(folder, "../../textures/./a.png");
         assert_eq!(texture, "package://robot/textures/a.png");
         assert_eq!(below("meshes", "../../a.png"), "../a.png");
-        // What is outside of the package stays recognizable, and is refused.
+        // A path that leaves the package keeps its `..`, and is refused.
         assert!(below("package://robot/meshes", "../../../a.png").contains(".."));
     }
 }

@@ -1,4 +1,4 @@
-//! The thread that renders: poses and features are never late because of an image.
+//! Rendering thread, so that rendering does not delay poses and features.
 
 use std::{
     collections::VecDeque,
@@ -19,7 +19,7 @@ use crate::{
     ros::{Node, NodeError, Publisher},
 };
 
-/// Most shots that wait for the thread; more are not taken.
+/// Maximum number of shots waiting for the thread; further shots are refused.
 const MOST_WAITING: usize = 2;
 
 /// A publisher of an output.
@@ -55,19 +55,19 @@ enum Order {
     Render(Shot),
     /// Publish the oldest rendered images.
     Publish,
-    /// Forget them.
+    /// Discard all rendered images.
     Clear,
 }
 
-/// Reports of the thread.
+/// Report on a rendered shot.
 pub struct Rendered {
-    /// Time that it took \[s\].
+    /// Rendering time \[s\].
     pub duration: f64,
-    /// A line for each camera that is inside of a body.
+    /// A line for each camera that is inside a body.
     pub enclosed: Vec<String>,
 }
 
-/// The thread that renders and publishes. It ends when this is dropped and its work is done.
+/// The thread that renders and publishes images. Dropping it waits until its remaining work is done.
 pub struct ImageThread {
     orders: Sender<Order>,
     reports: Receiver<Rendered>,
@@ -103,7 +103,7 @@ impl ImageThread {
                             rendered.push_back(imager.render(&shot));
                             count.fetch_sub(1, Ordering::Relaxed);
                             let duration = start.elapsed().as_secs_f64();
-                            // The node may have ended.
+                            // Fails only if the node has ended.
                             let _ = done.send(Rendered { duration, enclosed });
                         }
                         Order::Publish => {
@@ -129,10 +129,10 @@ impl ImageThread {
         self.waiting.load(Ordering::Relaxed) < MOST_WAITING
     }
 
-    /// Renders a shot; its images wait to be published.
+    /// Renders a shot; its images are kept until [`Self::publish`].
     pub fn render(&self, shot: Shot) {
         self.waiting.fetch_add(1, Ordering::Relaxed);
-        // It ends before this one only if it panicked, which `report` says.
+        // Fails only if the thread has panicked, which `report` reports.
         let _ = self.orders.send(Order::Render(shot));
     }
 
@@ -141,12 +141,12 @@ impl ImageThread {
         let _ = self.orders.send(Order::Publish);
     }
 
-    /// Forgets images that wait.
+    /// Discards rendered images that are not published yet.
     pub fn clear(&self) {
         let _ = self.orders.send(Order::Clear);
     }
 
-    /// Shots rendered since the last call.
+    /// The next report on a rendered shot, if there is one.
     ///
     /// # Errors
     /// If the thread has panicked.
@@ -166,7 +166,7 @@ impl Drop for ImageThread {
         let (orders, _) = channel();
         self.orders = orders;
         if let Some(handle) = self.handle.take() {
-            // A panic was reported already.
+            // A panic has been reported already.
             let _ = handle.join();
         }
     }

@@ -14,27 +14,27 @@ use crate::{
     vision::{DueExposure, FrameStream},
 };
 
-/// States that are kept until those of all bodies have arrived.
+/// Number of states that are kept until the states of all bodies have arrived.
 const KEPT: usize = 64;
 
-/// Renders the cameras' images whenever an exposure is due, in a thread of its own.
+/// Renders the cameras' images in a separate thread whenever an exposure is due.
 pub struct ImageTopics {
     params: ImageParams,
     thread: ImageThread,
     targets: Vec<TargetSource>,
     robot: VecDeque<(Time, (JointState, Odometry))>,
     stage: Option<Stage>,
-    /// The robot's description that the stage is made of.
+    /// The robot description from which the stage is built.
     description: String,
-    /// Frames that wait for their latency; their images are in the thread.
+    /// Exposed frames whose latency has not passed; their images are in the thread.
     stream: FrameStream<()>,
     status: Status,
     skipped: u64,
-    /// Meshes that are not drawn: a line each.
+    /// Meshes that cannot be drawn, one line each.
     problems: Vec<String>,
 }
 
-/// A target that is drawn.
+/// Subscriptions for a target that is drawn.
 struct TargetSource {
     name: String,
     description: Subscription<std_msgs::String>,
@@ -63,7 +63,7 @@ impl TargetSource {
         (self.known.as_ref()).is_some_and(|(model, _)| model.dof() > 0)
     }
 
-    /// Takes messages that have arrived; true if the description has changed.
+    /// Takes received messages. Returns whether the description has changed.
     fn receive(&mut self, status: &Status) -> bool {
         while let Some(received) = self.odometry.take() {
             let stamp = Time::from(&received.message.header.stamp);
@@ -91,7 +91,7 @@ impl TargetSource {
         }
     }
 
-    /// The messages with this stamp; `Err` while they may still arrive, `None` if they were lost.
+    /// The messages with this stamp; `None` if they were lost, `Err` while they may still arrive.
     fn at(&mut self, stamp: Time) -> Result<Option<(Odometry, Option<JointState>)>, ()> {
         let pose = take_at(&mut self.poses, stamp)?;
         if !self.has_joints() {
@@ -100,7 +100,7 @@ impl TargetSource {
         let joints = match take_at(&mut self.positions, stamp) {
             Ok(joints) => joints,
             Err(()) => {
-                // The pose is needed again when the joint states are there.
+                // The pose is needed again when the joint states have arrived.
                 if let Some(pose) = pose {
                     self.poses.push_front((stamp, pose));
                 }
@@ -111,7 +111,7 @@ impl TargetSource {
     }
 }
 
-/// Adds a sample. When time jumps back, those of the run before are dropped.
+/// Adds a sample. If time has jumped back, samples of the previous run are dropped.
 fn keep<T>(queue: &mut VecDeque<(Time, T)>, stamp: Time, sample: T) {
     if queue.back().is_some_and(|(last, _)| *last > stamp) {
         queue.clear();
@@ -122,7 +122,8 @@ fn keep<T>(queue: &mut VecDeque<(Time, T)>, stamp: Time, sample: T) {
     queue.push_back((stamp, sample));
 }
 
-/// Removes the sample with this stamp and those before it. `Err` if there is no sample of this time or later yet.
+/// Removes the samples up to this stamp and returns the one with this stamp. `Err` if no sample of this time or later
+/// has arrived.
 fn take_at<T>(queue: &mut VecDeque<(Time, T)>, stamp: Time) -> Result<Option<T>, ()> {
     while let Some((first, _)) = queue.front() {
         if *first > stamp {
@@ -150,7 +151,7 @@ impl ImageTopics {
     /// Advertises the images, and subscribes to the targets that are drawn.
     ///
     /// # Errors
-    /// For cameras that cannot be, or when the node cannot publish or subscribe.
+    /// For invalid cameras, or when the node cannot publish or subscribe.
     pub fn new(node: &Node, params: &ImageParams) -> Result<Self, NodeError> {
         let at = |e: String| NodeError::Input(format!("node {}: {e}", node.name()));
         let imager = Imager::new(params).map_err(at)?;
@@ -173,13 +174,13 @@ impl ImageTopics {
         })
     }
 
-    /// Another description of the robot.
+    /// Sets a new description of the robot; the stage will be rebuilt.
     pub fn set_robot(&mut self, description: &str) {
         self.description = description.to_owned();
         self.stage = None;
     }
 
-    /// Changes rate, exposure, noise and lights from now on.
+    /// Updates rate, exposure, noise and lights if their parameters have changed.
     pub fn update(&mut self, live: &LiveImageSettings) {
         if !live.changed() {
             return;
@@ -196,7 +197,7 @@ impl ImageTopics {
         keep(&mut self.robot, stamp, (joints.clone(), base.clone()));
     }
 
-    /// Renders due exposures, and publishes images whose latency has passed.
+    /// Renders due exposures, and publishes images after their latency.
     pub fn work(&mut self) {
         let mut changed = false;
         for target in &mut self.targets {
@@ -229,7 +230,7 @@ impl ImageTopics {
         self.report();
     }
 
-    /// Keeps what other targets have for a stamp that one target has nothing for yet.
+    /// Puts back the messages of targets for a stamp for which another target's messages are still missing.
     fn wait_for_targets(
         &mut self,
         stamp: Time,
@@ -246,7 +247,8 @@ impl ImageTopics {
         }
     }
 
-    /// The state of all bodies at a time \[s\]: exposes if an exposure is due.
+    /// Processes the states of all bodies at `time` \[s\]: exposes if an exposure is due, and publishes images that are
+    /// due.
     fn see(
         &mut self,
         time: f64,
@@ -278,7 +280,7 @@ impl ImageTopics {
         exposure: DueExposure,
     ) -> Result<Option<Shot>, String> {
         if exposure.first_of_run {
-            // Also without a robot: the stream has forgotten the images that wait.
+            // Needed without a stage, too: the stream has discarded its waiting frames.
             self.thread.clear();
         }
         let Some(stage) = &mut self.stage else {
@@ -334,7 +336,7 @@ impl ImageTopics {
             Err(problem) => {
                 tracing::error!("{problem}");
                 self.status.error(problem);
-                // Not tried again until another description arrives.
+                // Do not retry until another description arrives.
                 self.description.clear();
             }
         }

@@ -1,4 +1,4 @@
-//! Parameters of the joint PD.
+//! Parameters of joint PD control.
 
 use super::{Group, LARGEST_GAIN, PerJoint, SMALLEST_GAIN};
 use crate::{

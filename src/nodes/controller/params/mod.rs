@@ -1,4 +1,4 @@
-//! Parameters of the controller node: those of all laws, and a file for each law's own.
+//! Parameters of the controller node: common ones here, and one file for each law.
 
 mod computed_torque;
 mod joint_pd;
@@ -30,44 +30,44 @@ pub struct ControllerParams {
     pub tip_link: String,
     /// Link whose frame is the tip of a second arm; empty if there is none.
     pub second_tip_link: String,
-    /// Law and gains; without `k_v`, and `joint_k_p` under joint PD control, they are computed, see
+    /// Law and gains. Without `k_v`, or without `joint_k_p` under joint PD control, these gains are computed by
     /// [`ControllerParams::complete`].
     pub config: ControllerConfig,
-    /// Time from one joint state to the next, for which gains are computed \[s\].
+    /// Period of joint states for which gains are computed \[s\].
     pub sample_period: f64,
-    /// Age beyond which a measurement of camera, gyro or estimator is not used \[s\].
+    /// Age above which a measurement of camera, gyro or estimator is ignored \[s\].
     pub measurement_timeout: f64,
-    /// Whether every joint state waits for the camera frame of the same time.
+    /// Whether every joint state waits for the camera frame of the same stamp.
     pub lockstep: bool,
-    /// Whether the delay of the efforts is measured and compensated.
+    /// Whether the delay between a state and its efforts is measured and compensated.
     pub delay_compensation: bool,
     /// Whether the node configures and activates itself.
     pub autostart: bool,
 }
 
-/// Parameters of one law, which may change while the node runs.
+/// Parameters of one law; they may change while the node runs.
 trait Group: std::fmt::Debug {
-    /// Puts their values into `config`.
+    /// Writes the current values to `config`.
     fn write(&self, config: &mut ControllerConfig);
 }
 
-/// A parameter with one value per joint.
+/// A parameter with one value for each joint.
 struct PerJoint {
     name: &'static str,
     /// The law that needs it; `None` for all.
     law: Option<LawKind>,
 }
 
-/// Law and gains, which may change while the node runs.
+/// Law and gains as live parameters, which may change while the node runs.
 #[derive(Debug)]
 pub(super) struct Live {
     shared: shared::Shared,
     groups: Vec<Box<dyn Group>>,
-    /// The configuration when it was last read.
+    /// The configuration as last read.
     known: ControllerConfig,
-    /// Revision of the parameters at that time.
+    /// Revision of the parameters when they were last read.
     revision: u64,
-    /// The robot's number of joints, which gains must match; zero while it is not known.
+    /// Number of joints of the robot, for which gains must have values; zero while unknown.
     joints: Arc<AtomicUsize>,
 }
 
@@ -99,7 +99,7 @@ impl Live {
         live
     }
 
-    /// From now on gains that do not match a robot with this number of joints are refused.
+    /// Sets the robot's number of joints: gains with another number of values are refused from now on.
     pub(super) fn fit(&self, joints: usize) {
         self.joints.store(joints, Ordering::Relaxed);
     }
@@ -112,7 +112,7 @@ impl Live {
         config
     }
 
-    /// The configuration, if it has changed since the last call.
+    /// The configuration, if it has changed since it was last read.
     pub(super) fn changed(&mut self) -> Option<ControllerConfig> {
         let revision = self.shared.revision();
         if std::mem::replace(&mut self.revision, revision) == revision {
@@ -127,7 +127,7 @@ impl Live {
     }
 }
 
-/// Refuses gains whose number is not the number of joints, if the law needs them.
+/// Checks that gains needed by the law have one value for each joint.
 fn fit_the_robot(joints: &AtomicUsize, get: &dyn Fn(&str) -> ParameterValue) -> Result<(), String> {
     let joints = joints.load(Ordering::Relaxed);
     if joints == 0 {
@@ -138,7 +138,7 @@ fn fit_the_robot(joints: &AtomicUsize, get: &dyn Fn(&str) -> ParameterValue) -> 
     let lists = [shared::PER_JOINT, joint_pd::PER_JOINT];
     for PerJoint { name, law: needs } in lists.into_iter().flatten() {
         let got = Vec::<f64>::from_value(&get(name)).map_or(0, |v| v.len());
-        // Without any, they are computed.
+        // Empty gains are computed.
         if (needs.is_none() || *needs == law) && got != joints && got != 0 {
             return Err(format!(
                 "{name} has {got} values; the robot has {joints} joints, so give {joints}"
@@ -149,10 +149,10 @@ fn fit_the_robot(joints: &AtomicUsize, get: &dyn Fn(&str) -> ParameterValue) -> 
 }
 
 impl ControllerParams {
-    /// `config` with computed gains where none are given, for the tip `tip` of `model`.
+    /// `config` with empty gains replaced by computed ones, for the tip `tip` of `model`.
     ///
     /// # Errors
-    /// A line that says why none can be computed.
+    /// A line that says why the gains cannot be computed.
     pub fn complete(
         &self,
         config: ControllerConfig,
@@ -163,7 +163,7 @@ impl ControllerParams {
         completed.map_err(|e| format!("k_v is empty: {e}; give k_v"))
     }
 
-    /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
+    /// Declares and reads the parameters. The caller must call `declare.finish`.
     pub fn declare(declare: &mut Declare) -> Self {
         Self::declare_live(declare).0
     }

@@ -1,4 +1,4 @@
-//! The parameter `law`, and the parameters that all laws share.
+//! The parameter `law`, and the parameters common to all laws.
 
 use super::{LARGEST_GAIN, PerJoint, SMALLEST_GAIN};
 use crate::{
@@ -12,7 +12,7 @@ pub(super) const PER_JOINT: &[PerJoint] = &[PerJoint {
     law: None,
 }];
 
-/// The law that fits the given parameters.
+/// Chooses the law by the parameters that are given.
 const AUTO: &str = "auto";
 
 #[derive(Debug)]
@@ -108,7 +108,7 @@ impl Shared {
         }
     }
 
-    /// A number that is different after any parameter of the node was set.
+    /// The revision of the node's parameters, which changes whenever one is set.
     pub(super) fn revision(&self) -> u64 {
         self.law.revision()
     }

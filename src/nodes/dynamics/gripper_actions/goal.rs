@@ -1,4 +1,4 @@
-//! Goals of either action type, and the messages about a gripper's state.
+//! Goals of both gripper action types, and the messages on a gripper's state.
 
 use crate::{
     control::GripperGoal,
@@ -13,11 +13,11 @@ use crate::{
     ros::{Goal, GoalRequest, Time},
 };
 
-/// A gripper now.
+/// Current state of a gripper.
 #[derive(Debug, Clone)]
 pub struct GripperState {
     joint: String,
-    /// When \[s\].
+    /// Simulated time \[s\].
     time: f64,
     /// Position of its joint \[m or rad\].
     pub position: f64,
@@ -61,7 +61,7 @@ pub enum Request {
 }
 
 impl Request {
-    /// The goal of the gripper with this joint.
+    /// The requested gripper goal; `joint` is the name of the gripper's joint.
     ///
     /// # Errors
     /// A line that names the field, its value, and what would be right.
@@ -79,7 +79,7 @@ impl Request {
         }
     }
 
-    /// Rejects it.
+    /// Rejects the request.
     pub fn reject(self) {
         match self {
             Self::Single(request) => request.reject(),
@@ -87,7 +87,7 @@ impl Request {
         }
     }
 
-    /// Accepts it; `None` if it is not new.
+    /// Accepts the request; `None` if it is rejected: its identity is not new, or too many goals are active.
     pub fn accept(self) -> Option<ActiveGoal> {
         match self {
             Self::Single(request) => request.accept().map(ActiveGoal::Single),
@@ -131,7 +131,7 @@ fn finite(field: &str, value: f64) -> Result<f64, String> {
     }
 }
 
-/// A limit of which zero stands for the gripper's own.
+/// Checks a limit; zero stands for the gripper's own limit.
 fn limit(field: &str, value: f64) -> Result<f64, String> {
     match value {
         0.0 => Ok(f64::INFINITY),
@@ -151,7 +151,7 @@ pub enum ActiveGoal {
 }
 
 impl ActiveGoal {
-    /// Whether a client has cancelled it.
+    /// Whether a client has asked to cancel it.
     pub fn is_canceling(&self) -> bool {
         match self {
             Self::Single(goal) => goal.is_canceling(),
@@ -174,7 +174,7 @@ impl ActiveGoal {
         }
     }
 
-    /// Ends it as succeeded: it is reached, or else stalled.
+    /// Ends the goal as succeeded: reached, or `stalled`.
     pub fn succeed(self, state: &GripperState, stalled: bool) {
         match self {
             Self::Single(goal) => goal.succeed(single_outcome(state, stalled, !stalled)),
@@ -182,7 +182,7 @@ impl ActiveGoal {
         }
     }
 
-    /// Ends it as aborted.
+    /// Ends the goal as aborted.
     pub fn abort(self, state: &GripperState, stalled: bool) {
         match self {
             Self::Single(goal) => goal.abort(single_outcome(state, stalled, false)),
@@ -190,7 +190,7 @@ impl ActiveGoal {
         }
     }
 
-    /// Ends it as cancelled.
+    /// Ends the goal as cancelled.
     pub fn canceled(self, state: &GripperState) {
         match self {
             Self::Single(goal) => goal.canceled(single_outcome(state, false, false)),

@@ -5,9 +5,9 @@
 //! | action `NAME/gripper_cmd` | control_msgs/GripperCommand |
 //! | action `NAME/parallel_gripper_cmd` | control_msgs/ParallelGripperCommand |
 //!
-//! Goals of both actions move the gripper `NAME`; a new goal replaces the earlier one. When a goal is over, the gripper keeps
-//! it: it stays open, or goes on pressing. A gripper moves whoever commands the arm. Goals are checked and answered by the
-//! thread that simulates, between two steps, like service calls.
+//! Goals of both actions move the gripper `NAME`; a new goal replaces the previous one. After a goal is over, the
+//! gripper stays at the goal, or keeps pressing. Gripper goals do not depend on which commander holds the arm. Goals
+//! are checked and answered by the simulation thread, between two steps, like service calls.
 
 mod goal;
 
@@ -27,7 +27,7 @@ use goal::{ActiveGoal, GripperState, Request};
 /// Simulated time between two feedback messages \[s\].
 const FEEDBACK_PERIOD: f64 = 0.05;
 
-/// Most goals of a gripper that are handled before time is looked at again.
+/// Maximum number of goals per gripper that one call of [`take`] handles, so that a flood cannot stall simulated time.
 const MAX_GOALS: usize = 16;
 
 /// The actions of all grippers.
@@ -55,7 +55,7 @@ impl GripperActions {
     /// Offers the actions.
     ///
     /// # Errors
-    /// When a name breaks the rules or DDS refuses.
+    /// If a name is invalid or DDS reports an error.
     pub fn new(node: &Node, params: &[GripperParams]) -> Result<Self, NodeError> {
         let grippers = params.iter().map(|params| {
             let name = &params.name;
@@ -77,7 +77,7 @@ impl GripperActions {
         Ok(Self { grippers })
     }
 
-    /// Rejects goals that wait.
+    /// Rejects pending goals.
     pub fn discard(&mut self, reason: &str) {
         for gripper in &mut self.grippers {
             while let Some(request) = gripper.next_request() {
@@ -87,7 +87,7 @@ impl GripperActions {
         }
     }
 
-    /// Ends the goals that are being executed. The grippers stay as they are.
+    /// Aborts active goals. The grippers keep their motion.
     pub fn abort(&mut self, world: &World, reason: &str) {
         for (i, gripper) in self.grippers.iter_mut().enumerate() {
             if let Some(execution) = gripper.active.take() {
@@ -111,7 +111,7 @@ impl Gripper {
         self.status.warn(line);
     }
 
-    /// Accepts a goal, or rejects it. Returns the gripper's goal.
+    /// Accepts or rejects a goal request. Returns the gripper goal if accepted.
     fn begin(&mut self, request: Request, state: &GripperState, time: f64) -> Option<GripperGoal> {
         let asked = match request.asked(&self.params.joint) {
             Ok(asked) => asked,
@@ -145,7 +145,7 @@ impl Gripper {
         Some(asked)
     }
 
-    /// Follows the goal after a step.
+    /// After a step: sends feedback, and ends the goal if it is reached or the gripper stalls.
     fn follow(&mut self, world: &World, drive: &GripperDrive, state: &GripperState) {
         let Some(mut execution) = self.active.take() else {
             return;
@@ -176,7 +176,7 @@ impl Gripper {
     }
 }
 
-/// Begins the goals that wait, and ends those that are cancelled: such a gripper holds its position.
+/// Handles pending goals, and cancellations: a gripper whose goal is cancelled holds its position.
 pub fn take(simulation: &mut Simulation) {
     let Simulation {
         grippers,
@@ -207,7 +207,7 @@ pub fn take(simulation: &mut Simulation) {
     }
 }
 
-/// After a step: sends feedback, and ends goals that are over.
+/// After a step: sends feedback, and ends goals that are reached or stalled.
 pub fn follow(simulation: &mut Simulation) {
     let Simulation {
         grippers, world, ..

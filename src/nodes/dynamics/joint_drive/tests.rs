@@ -49,7 +49,7 @@ fn joints_without_a_new_effort_keep_theirs() {
     assert_eq!(robot.efforts().as_slice(), [1.0, -3.0]);
     assert!(drive.hold_efforts(&mut robot, [(0, 6.0)]));
     assert_eq!(robot.efforts().as_slice(), [5.0, -3.0]);
-    // The cut of an earlier command is not reported again.
+    // Clamping of an earlier command is not reported again.
     assert!(!drive.hold_efforts(&mut robot, [(1, 1.0)]));
 }
 
@@ -100,7 +100,7 @@ fn a_position_is_driven_to_and_held() {
         state.q
     );
     assert!(most < 1.0 + 1e-3, "overshoot {}", most - 1.0);
-    // Nothing is lost when commands end.
+    // Held positions are kept when commands end.
     drive.halt(&mut robot);
     step(&mut drive, &mut robot, 30.0, 1.0, 0.01);
     assert!((robot.state().q[0] - 1.0).abs() < 1e-4);

@@ -1,4 +1,4 @@
-//! Goals of `follow_joint_trajectory`, from their acceptance to their result.
+//! Goals of the action `follow_joint_trajectory`, from acceptance to result.
 
 use super::{begin as begin_motion, check_free, engage, messages, spline, stop, trajectory_motion};
 use crate::{
@@ -13,7 +13,7 @@ use crate::{
     ros::{Goal, GoalRequest, Time},
 };
 
-/// Simulated time between two feedback messages \[s\], as joint_trajectory_controller's.
+/// Simulated time between two feedback messages \[s\], the same as in `joint_trajectory_controller`.
 const FEEDBACK_PERIOD: f64 = 0.05;
 
 /// A goal that is being executed.
@@ -23,12 +23,12 @@ pub struct ActiveGoal {
     /// Indices of its joints.
     joints: Vec<usize>,
     start: f64,
-    /// Desired and actual joint rates of the last step, and its time.
+    /// Time of the last step, and the desired and actual joint rates then.
     before: Option<(f64, Vec<f64>, Vec<f64>)>,
     feedback_due: f64,
 }
 
-/// Where joints should be, where they are, and the difference.
+/// Desired and actual motion of the joints, and tracking errors.
 struct Comparison {
     desired: Vec<JointPoint>,
     actual: Vec<JointPoint>,
@@ -36,24 +36,25 @@ struct Comparison {
 }
 
 impl ActiveGoal {
-    /// Whether a client has cancelled it.
+    /// Whether a client has asked to cancel it.
     pub fn is_canceling(&self) -> bool {
         self.goal.is_canceling()
     }
 
-    /// Ends it as cancelled.
+    /// Ends the goal as cancelled.
     pub fn canceled(self, text: String) {
         self.goal.canceled(outcome(Outcome::SUCCESSFUL, text));
     }
 
-    /// Ends it: its motion was ended otherwise.
+    /// Aborts the goal, because its motion was ended from outside.
     pub fn abort(self, reason: &str) {
         tracing::warn!("follow_joint_trajectory: aborted, {reason}");
         let reason = reason.to_owned();
         self.goal.abort(outcome(Outcome::INVALID_GOAL, reason));
     }
 
-    /// Compares the joints with the trajectory. Accelerations are means since the last step.
+    /// Compares the joints with the trajectory; `None` if the motion has ended. Accelerations are means since the last
+    /// step.
     fn compare(&mut self, world: &World) -> Option<Comparison> {
         let (state, time) = (world.robot.state(), world.time());
         let references: Vec<JointPoint> = world.drive().references()?.collect();
@@ -139,7 +140,7 @@ fn outcome(error_code: i32, error_string: String) -> Outcome {
     }
 }
 
-/// Points of joints as a message, `since` \[s\] after the start.
+/// Motion of the joints as a message, `since` \[s\] after the trajectory's start.
 fn point(joints: &[JointPoint], since: f64) -> JointTrajectoryPoint {
     let list = |of: fn(&JointPoint) -> f64| joints.iter().map(of).collect();
     let nanos = (since.max(0.0) * 1e9).round() as i64;
@@ -155,7 +156,7 @@ fn point(joints: &[JointPoint], since: f64) -> JointTrajectoryPoint {
     }
 }
 
-/// Accepts and begins a goal, or rejects it. One that is being executed is replaced.
+/// Accepts and begins a goal, or rejects it. An accepted goal replaces the active one.
 pub fn begin(simulation: &mut Simulation, request: GoalRequest<FollowJointTrajectory>) {
     let prepared =
         check_free(simulation, Commander::Action).and_then(|()| prepare(simulation, &request));
@@ -171,7 +172,7 @@ pub fn begin(simulation: &mut Simulation, request: GoalRequest<FollowJointTrajec
     let Some(goal) = request.accept() else {
         return;
     };
-    // It is free, as was checked.
+    // Cannot fail: checked above.
     if let Err(problem) = engage(simulation, Commander::Action) {
         return goal.abort(outcome(Outcome::INVALID_GOAL, problem));
     }
@@ -217,7 +218,7 @@ fn prepare(
     Ok((motion, monitor, trajectory.joints().to_vec(), start))
 }
 
-/// Sends feedback, and ends the goal when it is reached or a tolerance is violated.
+/// After a step: sends feedback, and ends the goal if it is reached or a tolerance is violated.
 pub fn follow(simulation: &mut Simulation) {
     let Some(mut active) = simulation.motions.goal.take() else {
         return;

@@ -1,4 +1,4 @@
-//! Messages that command motions, checked and converted.
+//! Validation and conversion of messages that command motions.
 
 use crate::{
     control::commander::{
@@ -19,7 +19,7 @@ use crate::{
     spatial::Twist,
 };
 
-/// Most points of a trajectory, and most poses of a path.
+/// Maximum number of points of a trajectory, and of poses of a path.
 const MOST: usize = 100_000;
 
 fn seconds(duration: &builtin_interfaces::Duration) -> f64 {
@@ -29,7 +29,7 @@ fn seconds(duration: &builtin_interfaces::Duration) -> f64 {
 /// Longest time that a motion may wait for its start \[s\].
 const LONGEST_WAIT: f64 = 86_400.0;
 
-/// When a motion begins \[s\]: at its stamp, or now if that is zero.
+/// Start of a motion \[s\]: its stamp, or `now` if the stamp is zero.
 fn start_of(stamp: &builtin_interfaces::Time, now: f64) -> Result<f64, String> {
     let start = match stamp.nanos() {
         0 => now,
@@ -49,10 +49,10 @@ pub fn link_names(model: &Model) -> String {
     names.join(", ")
 }
 
-/// A trajectory and the time of its start \[s\].
+/// A trajectory and its start time \[s\].
 ///
 /// # Errors
-/// What is wrong; it completes "the message ...".
+/// The mistake, as a phrase that completes "the message ...".
 pub fn trajectory(
     message: &trajectory_msgs::JointTrajectory,
     model: &Model,
@@ -82,7 +82,7 @@ pub fn trajectory(
 /// The tolerances of a goal for the joints of its trajectory.
 ///
 /// # Errors
-/// What is wrong.
+/// The mistake, as a phrase that completes "the goal ...".
 pub fn tolerances(
     goal: &Goal,
     model: &Model,
@@ -120,8 +120,8 @@ pub fn tolerances(
     })
 }
 
-/// Tolerances of the joints called `names`: those given, otherwise the default. Those of other joints of the robot do not
-/// count.
+/// Tolerances of the joints in `names`: those given, otherwise the default. Tolerances of the robot's other joints are
+/// ignored.
 fn of_joints(
     field: &str,
     given: &[JointTolerance],
@@ -161,10 +161,10 @@ fn of_joints(
     Ok(tolerances)
 }
 
-/// A path of the tip and the time of its start \[s\]. The times of its poses are their stamps, less that of the path.
+/// A path of the tip and its start time \[s\]. The times of its poses are their stamps minus the path's stamp.
 ///
 /// # Errors
-/// What is wrong; it completes "the message ...".
+/// The mistake, as a phrase that completes "the message ...".
 pub fn path(message: &nav_msgs::Path, base: &str, now: f64) -> Result<(PosePath, f64), String> {
     let frame_id = message.header.frame_id.as_str();
     let frame = match frame_id {
@@ -199,7 +199,7 @@ pub fn path(message: &nav_msgs::Path, base: &str, now: f64) -> Result<(PosePath,
 /// A twist of the tip.
 ///
 /// # Errors
-/// What is wrong; it completes "the message ...".
+/// The mistake, as a phrase that completes "the message ...".
 pub fn twist(message: &TwistStamped, now: f64, timeout: f64) -> Result<Twist, String> {
     let parts = [
         ("linear", vector_from_msg(&message.twist.linear)),
@@ -207,7 +207,7 @@ pub fn twist(message: &TwistStamped, now: f64, timeout: f64) -> Result<Twist, St
     ];
     for (name, part) in parts {
         for (axis, value) in ["x", "y", "z"].iter().zip(part.iter()) {
-            // NaN is not within the limit either.
+            // This is false for NaN, too.
             let is_valid = value.abs() <= 1e6;
             if !is_valid {
                 return Err(format!(
@@ -266,7 +266,7 @@ mod tests {
         let mut goal = Goal::default();
         goal.trajectory.joint_names = vec!["a".into(), "b".into(), "c".into()];
         goal.goal_tolerance = vec![tolerance("c", 0.5), tolerance("b", -1.0)];
-        // The robot has joint1, which the goal does not move.
+        // joint1 is a joint of the robot that the goal does not move.
         goal.path_tolerance = vec![tolerance("a", 0.1), tolerance("joint1", 0.1)];
         let found = tolerances(&goal, &model, &params()).unwrap();
         let positions =
@@ -346,7 +346,7 @@ mod tests {
             (found.frame(), found.duration(), start),
             (PathFrame::Base, 3.0, 5.0)
         );
-        // With a stamp, that of the path is the start.
+        // If the path has a stamp, the stamp is its start.
         message.header.stamp.sec = 1;
         let (found, start) = path(&message, "base_link", 5.0).unwrap();
         assert_eq!((found.duration(), start), (2.0, 1.0));

@@ -1,4 +1,5 @@
-//! Motions of the whole arm that peers command: joint trajectories by action and topic, paths and twists of the tip.
+//! Motions of the whole arm commanded by other nodes: joint trajectories by action and topic, paths and twists of the
+//! tip.
 //!
 //! | interface | type | begins |
 //! | --- | --- | --- |
@@ -7,8 +8,8 @@
 //! | `cartesian_path` | nav_msgs/Path | a path of the tip through timed poses |
 //! | `delta_twist_cmds` | geometry_msgs/TwistStamped | streamed twists of the tip, as for MoveIt Servo |
 //!
-//! Messages are checked and answered by the thread that simulates, between two steps, like service calls. A wrong message
-//! has no effect; its mistake is logged and reported in `diagnostics` in one line.
+//! Messages are checked and answered by the simulation thread, between two steps, like service calls. An invalid
+//! message has no effect; the mistake is logged and reported in `diagnostics` in one line.
 
 mod goal;
 mod messages;
@@ -41,10 +42,10 @@ use goal::ActiveGoal;
 pub use messages::link_names;
 pub use refusals::Refusals;
 
-/// Most messages of a topic that are handled before time is looked at again.
+/// Maximum number of messages per topic that one call of [`take`] handles, so that a flood cannot stall simulated time.
 const MAX_MESSAGES: usize = 64;
 
-/// Where motions are asked for.
+/// The action and the subscriptions.
 struct Endpoints {
     action: ActionServer<FollowJointTrajectory>,
     trajectories: Subscription<JointTrajectory>,
@@ -57,7 +58,7 @@ impl Endpoints {
         let trajectories = topics::JOINT_TRAJECTORY.subscribe(node)?;
         let paths = topics::CARTESIAN_PATH.subscribe(node)?;
         let twists = topics::TWIST_COMMANDS.subscribe(node)?;
-        // Messages of one publisher must not crowd out those of another.
+        // Queues keep messages per publisher, so that one publisher cannot crowd out another.
         trajectories.separate_publishers();
         paths.separate_publishers();
         twists.separate_publishers();
@@ -70,16 +71,17 @@ impl Endpoints {
     }
 }
 
-/// The motions that are asked for, and the goal that is being executed.
+/// Inputs for motions, and the active goal.
 pub struct Motions {
     /// `None` without the parameter `commander_interfaces`.
     endpoints: Option<Endpoints>,
     goal: Option<ActiveGoal>,
-    /// Value of [`JointDrive::changes`](super::joint_drive::JointDrive::changes) of the motion that was begun last.
+    /// Value of [`JointDrive::changes`](super::joint_drive::JointDrive::changes) when the last motion began; `None`
+    /// after its end.
     begun: Option<u64>,
-    /// The last status of twists that was reported.
+    /// Status of streamed twists that was reported last; `None` while the arm does not follow twists.
     twists_are: Option<TwistStatus>,
-    /// The tip, or why there is none.
+    /// The tip frame, or the reason why there is none.
     tip: Result<Frame, String>,
     refusals: Refusals,
     status: StepStatus,
@@ -89,7 +91,7 @@ impl Motions {
     /// Offers the interfaces.
     ///
     /// # Errors
-    /// When DDS refuses.
+    /// When DDS reports an error.
     pub fn new(node: &Node, params: &DynamicsParams, world: &World) -> Result<Self, NodeError> {
         let mut status = StepStatus::new(node.diagnostics().status("motions"));
         status.ok("no motion was asked for yet");
@@ -116,14 +118,15 @@ impl Motions {
         })
     }
 
-    /// Whether the arm is moved without further commands: a goal or a motion is not over, or twists are not silent.
+    /// Whether the arm moves without further commands: a goal is active, a motion has not ended, or twists are not
+    /// silent.
     pub fn is_moving(&self, world: &World) -> bool {
         let end = world.drive().motion_end();
         let is_silent = self.twists_are == Some(TwistStatus::Silent);
         self.goal.is_some() || (world.time() < end && !(end.is_infinite() && is_silent))
     }
 
-    /// Drops waiting messages; goals are rejected.
+    /// Drops pending messages and rejects pending goals.
     pub fn discard(&mut self, reason: &str) {
         while let Some(request) = self.next_goal() {
             request.reject();
@@ -150,7 +153,7 @@ impl Motions {
         self.endpoints.as_mut()?.twists.take()
     }
 
-    /// Ends the goal that is being executed.
+    /// Aborts the active goal.
     pub fn abort(&mut self, reason: &str) {
         self.begun = None;
         if let Some(goal) = self.goal.take() {
@@ -159,7 +162,7 @@ impl Motions {
     }
 }
 
-/// The tip link of a robot.
+/// The tip frame; an empty `tip_link` is `tool0`, or the last link.
 fn tip_of(world: &World, tip_link: &str) -> Result<Frame, String> {
     let model = world.robot.model();
     match tip_link {
@@ -175,7 +178,7 @@ fn tip_of(world: &World, tip_link: &str) -> Result<Frame, String> {
     }
 }
 
-/// Begins the motions that wait, and ends those that are cancelled.
+/// Handles cancellations, pending goals and pending messages.
 pub fn take(simulation: &mut Simulation) {
     cancel(simulation);
     for _ in 0..MAX_MESSAGES {
@@ -217,14 +220,14 @@ fn answer(simulation: &mut Simulation, topic: &str, outcome: Result<(), String>)
     }
 }
 
-/// Refuses a commander while another one has the robot.
+/// Checks that the commander holds the robot or could get it.
 fn check_free(simulation: &Simulation, commander: Commander) -> Result<(), String> {
     let is_present = |publisher| simulation.motions.is_matched(publisher);
     (simulation.commands.check_free(commander, is_present))
         .map_err(|problem| format!("it is {problem}"))
 }
 
-/// Reserves the robot for a commander.
+/// Makes the commander the holder of the robot.
 fn engage(simulation: &mut Simulation, commander: Commander) -> Result<(), String> {
     let Simulation {
         commands,
@@ -236,7 +239,7 @@ fn engage(simulation: &mut Simulation, commander: Commander) -> Result<(), Strin
     (commands.engage(commander, world, is_present)).map_err(|problem| format!("it is {problem}"))
 }
 
-/// Begins a motion of the commander that holds the robot.
+/// Begins a motion on behalf of the commander that holds the robot.
 fn begin(simulation: &mut Simulation, motion: ArmMotion) {
     let is_streamed = matches!(motion, ArmMotion::Twist(_));
     simulation.world.begin(motion);
@@ -249,7 +252,7 @@ fn base_of(world: &World) -> BaseState {
     world.robot.base_state()
 }
 
-/// Begins with the joints' present motion.
+/// A follower of tip motions that begins with the joints' current motion.
 fn follower(world: &World, tip: &Frame, reaction: BaseReaction, limits: bool) -> TipFollower {
     let model = world.robot.model();
     let (kept, is_least) = match reaction {
@@ -264,7 +267,7 @@ fn follower(world: &World, tip: &Frame, reaction: BaseReaction, limits: bool) ->
     TipFollower::new(model, resolver, &world.drive().present(&world.robot))
 }
 
-/// The motion that follows the splines of a trajectory.
+/// The motion that follows a trajectory's spline.
 fn trajectory_motion(simulation: &Simulation, spline: JointSpline) -> Result<ArmMotion, String> {
     match simulation.params.base_reaction.get() {
         BaseReaction::Free => Ok(ArmMotion::Joints(spline)),
@@ -297,7 +300,7 @@ fn begin_trajectory(
     Ok(())
 }
 
-/// Refuses motions of a robot with closed loops, whose joints do not move on their own.
+/// Refuses motions of a robot with closed loops, whose joints are not independent.
 fn check_tree(world: &World) -> Result<(), String> {
     match world.robot.loops().is_none() {
         true => Ok(()),
@@ -308,7 +311,7 @@ fn check_tree(world: &World) -> Result<(), String> {
     }
 }
 
-/// The splines of a trajectory from the joints' present motion, and the end of the trajectory \[s\].
+/// The spline that leads from the joints' current motion along the trajectory, and the end of the trajectory \[s\].
 fn spline(
     simulation: &Simulation,
     trajectory: &crate::control::commander::JointTrajectory,
@@ -321,7 +324,7 @@ fn spline(
     let spline =
         (trajectory.spline(model, start, world.time(), &present)).map_err(|e| format!("it {e}"))?;
     let end = start + trajectory.duration();
-    // A trajectory whose only point is now takes the time that it needs.
+    // A trajectory whose only point is at the current time gets the time that it needs.
     let end = if end > world.time() {
         end
     } else {
@@ -377,7 +380,7 @@ fn take_twist(
     Ok(())
 }
 
-/// The axes that a frame's name means.
+/// The axes in which the frame `frame_id` gives twists.
 fn twist_axes(world: &World, frame_id: &str) -> Result<TwistAxes, String> {
     let model = world.robot.model();
     let name = match frame_id {
@@ -399,7 +402,7 @@ fn twist_axes(world: &World, frame_id: &str) -> Result<TwistAxes, String> {
     ))
 }
 
-/// Ends the goal if a client has cancelled it: the joints come to rest.
+/// If a client has asked to cancel the goal: ends it, and brings the joints to rest.
 fn cancel(simulation: &mut Simulation) {
     let is_cancelled = |goal: &mut ActiveGoal| goal.is_canceling();
     let Some(goal) = simulation.motions.goal.take_if(is_cancelled) else {
@@ -414,7 +417,7 @@ fn cancel(simulation: &mut Simulation) {
     goal.canceled(text);
 }
 
-/// Brings the joints to rest, and frees the robot.
+/// Brings the joints to rest, and releases the robot from its holder.
 fn stop(simulation: &mut Simulation) {
     let world = &simulation.world;
     let present = world.drive().present(&world.robot);
@@ -424,7 +427,7 @@ fn stop(simulation: &mut Simulation) {
     simulation.motions.begun = None;
 }
 
-/// After a step: follows the goal's progress, and frees the robot when a motion is over.
+/// After a step: follows the goal's progress, and releases the robot from its holder when a motion is over.
 pub fn follow(simulation: &mut Simulation) {
     if let Some(servo) = simulation.world.twist_servo() {
         let status = servo.status();

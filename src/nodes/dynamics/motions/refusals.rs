@@ -4,10 +4,10 @@ use std::time::{Duration, Instant};
 
 use crate::nodes::dynamics::step_status::StepStatus;
 
-/// Shortest time between two log messages about the messages of one topic.
+/// Shortest time between two log messages on refusals of one topic.
 const LOG_PERIOD: Duration = Duration::from_secs(1);
 
-/// How long diagnostics report a refusal when other messages follow.
+/// How long diagnostics keep reporting a refusal although valid messages follow.
 const SHOWN: Duration = Duration::from_secs(5);
 
 /// Counts and reports refused messages.
@@ -20,7 +20,7 @@ pub struct Refusals {
 }
 
 impl Refusals {
-    /// A message on `topic` is refused.
+    /// Reports that a message on `topic` was refused.
     pub fn report(&mut self, status: &mut StepStatus, topic: &str, problem: &str) {
         let line = format!("{topic}: refused, {problem}");
         let now = Instant::now();
@@ -45,7 +45,7 @@ impl Refusals {
         status.set("refused", self.count);
     }
 
-    /// Whether the last refusal is still to be shown.
+    /// Whether diagnostics still have to report the last refusal.
     pub fn is_shown(&self) -> bool {
         self.last.is_some_and(|at| at.elapsed() < SHOWN)
     }

@@ -1,4 +1,4 @@
-//! Parameters of deformable appendages: panels, beams, and bodies whose modes another program has computed.
+//! Parameters of deformable appendages: panels, beams, and bodies whose modes were computed by another program.
 
 use fuyu_structures::{Appendage, Beam, Boom, Outline, PlateStrip, StructureError, modes_file};
 use nalgebra::{Rotation3, Translation3};
@@ -14,16 +14,16 @@ use crate::{
     spatial::Pose,
 };
 
-/// How many finite elements a beam has: the error of its third frequency is then 2.5e-6.
+/// Number of finite elements of a beam: the error of its third frequency is then 2.5e-6.
 const ELEMENTS: usize = 32;
 
-/// Into how many parts viewers divide the length.
+/// Number of sections into which viewers divide the length.
 const STATIONS: usize = 12;
 
-/// Most modes of a kind.
+/// Maximum number of modes of one kind.
 const MOST_MODES: i64 = 12;
 
-/// Kind of an appendage.
+/// Kind of appendage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     PlateStrip,
@@ -46,20 +46,20 @@ pub struct AppendageParams {
     pub link: String,
     /// Pose of its attachment frame in the link's frame.
     pub X_FA: Pose,
-    /// The body.
+    /// The deformable body.
     pub body: Appendage,
-    /// Deformation at the start.
+    /// Initial deformation.
     pub initial: InitialModes,
     /// Points that viewers draw.
     pub outline: Outline,
 }
 
-/// Modal coordinates of a deformable body at the start.
+/// Initial modal coordinates of a deformable body.
 #[derive(Debug, Clone)]
 pub struct InitialModes {
-    /// One for each mode, or empty for zero.
+    /// Modal coordinates, one for each mode; empty for zero.
     pub mu: Vec<f64>,
-    /// Their rates, likewise.
+    /// Rates of the modal coordinates, one for each mode; empty for zero.
     pub mud: Vec<f64>,
 }
 
@@ -81,10 +81,10 @@ impl InitialModes {
         }
     }
 
-    /// Checks that there is one for each mode of `body`.
+    /// Checks that the number of values is that of the modes of `body`.
     ///
     /// # Errors
-    /// A line that names the parameter and the modes.
+    /// A line that names the parameter and lists the modes.
     pub(super) fn check(&self, prefix: &str, body: &Appendage) -> Result<(), String> {
         for (parameter, values) in [("initial_mu", &self.mu), ("initial_mud", &self.mud)] {
             if !values.is_empty() && values.len() != body.modes() {
@@ -101,11 +101,11 @@ impl InitialModes {
 }
 
 impl AppendageParams {
-    /// Declares the parameters of the appendage called `name`, and reads them. `lookup` finds files relative to that of a
+    /// Declares and reads the parameters of the appendage called `name`. `lookup` finds files relative to the file of a
     /// parameter.
     ///
     /// # Errors
-    /// A line that names the parameter, or file, line and field of a modes file.
+    /// A line that names the parameter, or file, line and field of a file of modes.
     pub(super) fn declare(
         declare: &mut Declare,
         name: &str,
@@ -188,7 +188,7 @@ pub(super) fn second_order(declare: &mut Declare, name: &str) -> bool {
         .value()
 }
 
-/// A structure's error, whose field is the name of a parameter.
+/// An error of a structure, whose field is the name of a parameter.
 fn of_parameter(name: &str, error: &StructureError) -> String {
     format!("parameter {name}.{error}")
 }

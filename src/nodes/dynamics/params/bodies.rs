@@ -1,4 +1,4 @@
-//! Descriptions of bodies, and their motion at the start.
+//! Descriptions of bodies and their initial motion.
 
 use nalgebra::{DVector, Isometry3, Vector3};
 
@@ -18,13 +18,13 @@ use crate::{
 pub struct Description {
     /// URDF.
     pub xml: String,
-    /// File or parameter that gave it.
+    /// File or parameter that it is from.
     pub source: String,
-    /// Whether a description that needs repairs is refused.
+    /// Whether a description that needs repairs is refused; otherwise it is repaired.
     pub strict: bool,
 }
 
-/// Pose and velocity of a body's root frame at the start.
+/// Initial pose and velocity of a body's root frame.
 #[derive(Debug, Clone)]
 pub struct InitialMotion {
     /// Pose in the world.
@@ -38,17 +38,17 @@ pub struct InitialMotion {
 /// A free body (target), with or without joints.
 #[derive(Debug, Clone)]
 pub struct TargetParams {
-    /// Name: that of its frame, and in `ground_truth/NAME/odom`.
+    /// Its name, which is also the name of its frame and part of its topics (`ground_truth/NAME/odom`).
     pub name: String,
     /// Its description.
     pub description: Description,
-    /// Pose and velocity of its root at the start.
+    /// Initial pose and velocity of its root frame.
     pub motion: InitialMotion,
-    /// Its joints at the start.
+    /// Initial joint positions and rates.
     pub joints: InitialJoints,
 }
 
-/// Joint positions and rates of a target at the start, in the order of its description; empty is zero.
+/// Initial joint positions and rates of a target, in the order of its description; empty means zero.
 #[derive(Debug, Clone, Default)]
 pub struct InitialJoints {
     /// Positions \[rad or m\].
@@ -74,10 +74,10 @@ impl InitialJoints {
         }
     }
 
-    /// Gives the joints of `target` these positions and rates.
+    /// Sets the joint positions and rates in `state`.
     ///
     /// # Errors
-    /// A line that names the parameter if the number of values is not that of the joints.
+    /// A line that names the parameter if the number of values is not the number of joints.
     pub fn place(&self, target: &str, state: &mut State) -> Result<(), String> {
         let joints = state.q.len();
         let of = |name: &str, values: &[f64]| {
@@ -91,7 +91,7 @@ impl InitialJoints {
 }
 
 impl Description {
-    /// A description whose text is `xml`; without `strict`, it becomes XML that viewers accept too.
+    /// A description from the URDF text `xml`; unless `strict`, it is repaired so that viewers accept it, too.
     pub fn new(xml: String, source: String, strict: bool) -> Self {
         let xml = if strict {
             xml
@@ -121,12 +121,12 @@ impl Description {
     /// Compiles the model.
     ///
     /// # Errors
-    /// A line that names the source and what is wrong in it.
+    /// A line that names the source and the mistake.
     pub fn compile(&self) -> Result<Model, String> {
         self.repair().map(|repaired| repaired.model)
     }
 
-    /// Repairs of the description: a line per kind.
+    /// The repairs made to the description, one line per kind.
     pub fn warnings(&self) -> Vec<String> {
         self.repair()
             .map_or_else(|_| Vec::new(), |repaired| repaired.warnings())
@@ -154,13 +154,13 @@ impl InitialMotion {
         })
     }
 
-    /// Gives the base of `model` this pose and velocity.
+    /// Sets the pose and velocity of the base of `model` in `state`.
     pub fn place(&self, model: &Model, state: &mut State) {
         let (X_WB, V_WB_B) = self.motion();
         state.set_base(&mut Workspace::new(model), &X_WB, &V_WB_B);
     }
 
-    /// Pose in the world, and twist of the frame's origin in its own axes.
+    /// Pose in the world, and twist of the frame's origin in the frame's own axes.
     pub fn motion(&self) -> (Isometry3<f64>, Twist) {
         let linear_B = self.pose.rotation.inverse() * self.velocity_W;
         (self.pose, Twist::new(self.angular_velocity_B, linear_B))
@@ -177,10 +177,10 @@ pub(super) fn finite_list(declare: &mut Declare, name: &str, description: &str) 
         .value()
 }
 
-/// The values as a joint vector; an empty list is zero.
+/// The values as a joint vector; an empty list means zero.
 ///
 /// # Errors
-/// A line that names the parameter if the number of values is not that of the joints.
+/// A line that names the parameter if the number of values is not the number of joints.
 pub(in crate::nodes::dynamics) fn joint_vector(
     name: &str,
     values: &[f64],
@@ -189,7 +189,7 @@ pub(in crate::nodes::dynamics) fn joint_vector(
     joint_vector_of("the robot", name, values, joints)
 }
 
-/// The same for the joints of `body`.
+/// As [`joint_vector`], for the joints of `body`.
 fn joint_vector_of(
     body: &str,
     name: &str,

@@ -1,4 +1,4 @@
-//! Parameters of contact between bodies: the law of forces, by default and for pairs.
+//! Parameters of contact between bodies: the contact law by default and for individual pairs.
 
 use std::path::PathBuf;
 
@@ -11,28 +11,28 @@ use crate::{
 /// Contact between the bodies of the world.
 #[derive(Debug, Clone)]
 pub struct ContactParams {
-    /// The law of pairs that have none of their own.
+    /// The default law.
     pub law: ContactLaw,
-    /// Laws of pairs.
+    /// Laws of individual pairs.
     pub pairs: Vec<ContactPairParams>,
-    /// Whether links of the robot touch each other.
+    /// Whether links of the robot can touch each other.
     pub self_contact: bool,
-    /// Tolerance of the integration; zero is [`Self::tolerance_of`]'s choice.
+    /// Integration tolerance; zero for the default of [`Self::tolerance_of`].
     pub tolerance: f64,
-    /// Folders with ROS packages, where meshes are searched for.
+    /// Folders with ROS packages in which meshes are searched.
     pub packages: Vec<PathBuf>,
 }
 
-/// The law of a pair.
+/// The contact law of a pair.
 #[derive(Debug, Clone)]
 pub struct ContactPairParams {
-    /// The bodies of a pair: links, targets, or `<collision>` elements by name.
+    /// The two bodies: names of links, targets or `<collision>` elements.
     pub names: [String; 2],
-    /// The law; `None` if the two do not touch.
+    /// The law; `None` if there is no contact between the two.
     pub law: Option<ContactLaw>,
 }
 
-/// Declares `contact.*` and reads it; `None` if there is no contact.
+/// Declares and reads `contact.*`; `None` if there is no contact.
 pub(super) fn declare_contact(
     declare: &mut Declare,
     packages: &[PathBuf],
@@ -103,9 +103,9 @@ pub(super) fn declare_contact(
 }
 
 impl ContactParams {
-    /// The tolerance of a world, of whose bodies some have joints or none. Impacts of bodies without joints are cheap:
-    /// their restitution and duration are right to 1e-9. With joints, a step costs many times as much, and a grip is
-    /// to be simulated in real time.
+    /// The integration tolerance of the contact world. Impacts of bodies without joints are cheap: their default
+    /// tolerance gives restitution and duration to 1e-9. `has_joints`: some body has joints; a step then costs many
+    /// times as much, and the default is coarser, so that gripping can be simulated in real time.
     pub fn tolerance_of(&self, has_joints: bool) -> f64 {
         match (self.tolerance > 0.0, has_joints) {
             (true, _) => self.tolerance,
@@ -115,7 +115,7 @@ impl ContactParams {
     }
 }
 
-/// Declares a law below `prefix`, and reads it.
+/// Declares and reads a law below `prefix`.
 fn declare_law(
     declare: &mut Declare,
     prefix: &str,
@@ -188,7 +188,7 @@ fn declare_law(
         "Friction over normal force per rate of deflection of bristles [s/m]",
     );
     ContactLaw {
-        // A declaration has reported what is wrong.
+        // Invalid values have been reported by the declaration.
         stiffness: if stiffness > 0.0 { stiffness } else { 1.0 },
         exponent: exponent.clamp(1.0, 3.0),
         dissipation,

@@ -10,7 +10,7 @@ use crate::{
 const ROTOR_MODELS: [(&str, RotorModel); 2] =
     [("full", RotorModel::Full), ("reduced", RotorModel::Reduced)];
 
-/// Declares `joints.JOINT.*` of every joint that is given any of them, and reads them.
+/// Declares and reads `joints.JOINT.*` for every joint for which at least one of them is given.
 pub(super) fn declare_elastic_joints(declare: &mut Declare) -> Vec<ElasticJoint> {
     let names = declare.children("joints");
     let joints = names.into_iter().map(|joint| {

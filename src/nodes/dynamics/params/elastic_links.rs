@@ -9,29 +9,29 @@ use super::{
 };
 use crate::{nodes::placement::declare_vector, ros::Declare, spatial::Pose};
 
-/// How many finite elements a link has: the error of its frequencies is then below 1e-7.
+/// Number of finite elements of a link: the error of its frequencies is then below 1e-7.
 const ELEMENTS: usize = 16;
 
 /// Parameters of an elastic link.
 #[derive(Debug, Clone)]
 pub struct ElasticLinkParams {
-    /// Pose of its attachment frame, x from root to tip, in the link's frame.
+    /// Pose of its attachment frame in the link's frame; its x axis points from root to tip.
     pub X_LA: Pose,
-    /// The deformable body, which has the link's name and replaces the link's inertia.
+    /// The deformable body, which has the link's name; its inertia replaces the link's.
     pub body: Appendage,
-    /// Deformation at the start.
+    /// Initial deformation.
     pub initial: InitialModes,
 }
 
-/// Declares `links.LINK.*` of every link that is given any of them, and reads them.
+/// Declares and reads `links.LINK.*` for every link for which at least one of them is given.
 ///
 /// # Errors
-/// A line that names the parameter with its value, and what would be right.
+/// A line that names the parameter, its value, and the allowed values.
 pub(super) fn declare_elastic_links(
     declare: &mut Declare,
 ) -> Result<Vec<ElasticLinkParams>, String> {
     let names = declare.children("links");
-    // All are declared before the first error, so that no parameter is reported as unknown.
+    // All are declared before the first error is returned, so that no parameter is reported as unknown.
     let all: Vec<_> = (names.iter())
         .map(|link| ElasticLinkParams::declare(declare, link))
         .collect();
@@ -101,7 +101,7 @@ impl ElasticLinkParams {
             mass_per_length,
             EI: [EI, if EI_z > 0.0 { EI_z } else { EI }],
             radius_of_gyration,
-            // The declaration has reported any other number.
+            // Other numbers have been reported by the declaration.
             fixed_interface_modes: usize::try_from(clamped_modes).unwrap_or_default(),
             elements: ELEMENTS,
             damping_time,

@@ -9,35 +9,35 @@ use crate::{
     spatial::Wrench,
 };
 
-/// Axes of the force and torque on a link: whether they are those of the world.
+/// Names of the axes of force and torque on a link; true for the axes of the world.
 const AXES: [(&str, bool); 2] = [("link", false), ("world", true)];
 
-/// Target of an excitation, and its amplitude.
+/// The excited part and the amplitude.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Excited {
-    /// The effort of a joint.
+    /// A joint effort.
     Joint {
-        /// Its name.
+        /// Name of the joint.
         joint: String,
-        /// \[N m or N\].
+        /// Amplitude \[N m or N\].
         amplitude: f64,
     },
-    /// The torque of a wheel's motor.
+    /// A motor torque of a wheel.
     Wheel {
-        /// Its name.
+        /// Name of the wheel.
         wheel: String,
-        /// \[N m\].
+        /// Amplitude \[N m\].
         amplitude: f64,
     },
-    /// A link.
+    /// A wrench on a link.
     Link {
-        /// Its name.
+        /// Name of the link.
         link: String,
-        /// Whether force and torque are in axes of the world, not of the link.
+        /// Whether force, torque and position are in axes of the world instead of the link.
         in_world_axes: bool,
-        /// Where the force acts, from the link's origin, in the same axes \[m\].
+        /// Point at which the force acts, relative to the link's origin \[m\].
         position: Vector3<f64>,
-        /// Torque \[N m\] and force \[N\].
+        /// Amplitude: torque \[N m\] and force \[N\].
         wrench: Wrench,
     },
 }
@@ -47,19 +47,19 @@ pub enum Excited {
 pub struct ExcitationParams {
     /// Its name.
     pub name: String,
-    /// The joint, wheel or link that it acts on.
+    /// The excited joint, wheel or link.
     pub on: Excited,
-    /// How it changes with time.
+    /// Its variation with time.
     pub wave: Wave,
 }
 
-/// Declares `excitations.NAME.*` of every excitation that is given any of them, and reads them.
+/// Declares and reads `excitations.NAME.*` for every excitation for which at least one of them is given.
 ///
 /// # Errors
-/// A line that names an excitation that acts on nothing, or on several things.
+/// A line that names an excitation without an excited part, or with several.
 pub(super) fn declare_excitations(declare: &mut Declare) -> Result<Vec<ExcitationParams>, String> {
     let names = declare.children("excitations");
-    // All are declared before the first error, so that no parameter is reported as unknown.
+    // All are declared before the first error is returned, so that no parameter is reported as unknown.
     let all: Vec<_> = (names.into_iter())
         .map(|name| declare_excitation(declare, name))
         .collect();

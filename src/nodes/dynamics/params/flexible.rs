@@ -36,11 +36,11 @@ pub struct FlexibleParams {
 }
 
 impl FlexibleParams {
-    /// Declares `appendages`, `links`, `joints`, `wheels`, `thrusters` and the parameters of each, and reads them.
-    /// `lookup` finds files relative to that of a parameter.
+    /// Declares and reads `appendages`, `links`, `joints`, `wheels`, `thrusters` and the parameters of each. `lookup`
+    /// finds files relative to the file of a parameter.
     ///
     /// # Errors
-    /// A line that names a parameter with its value, and what would be right.
+    /// A line that names a parameter, its value, and the allowed values.
     pub fn declare(
         declare: &mut Declare,
         lookup: &dyn Fn(&Declare, &str) -> Lookup,
@@ -72,7 +72,7 @@ impl FlexibleParams {
             }
             once
         });
-        // All are declared before the first error, so that no parameter is reported as unknown.
+        // All are declared before the first error is returned, so that no parameter is reported as unknown.
         let appendages: Vec<_> = (appendages.iter())
             .map(|name| AppendageParams::declare(declare, name, lookup))
             .collect();
@@ -98,16 +98,16 @@ impl FlexibleParams {
         })
     }
 
-    /// [`FlexibleParams::declare`] with the parameter `package_folders`, for nodes that read no other files.
+    /// [`FlexibleParams::declare`] with the parameter `package_folders`, for nodes that need no other files.
     ///
     /// # Errors
-    /// A line that names a parameter with its value, and what would be right.
+    /// A line that names a parameter, its value, and the allowed values.
     pub fn declare_with_packages(declare: &mut Declare) -> Result<Self, String> {
         let packages = PackageFolders::declare(declare);
         Self::declare(declare, &|declare, name| packages.lookup(declare, name))
     }
 
-    /// Whether the robot is a rigid one.
+    /// Whether there are none of these parts: then the robot is rigid.
     pub fn is_empty(&self) -> bool {
         let Self {
             appendages,
@@ -120,10 +120,10 @@ impl FlexibleParams {
         !has_deformable && wheels.is_empty() && thrusters.is_empty()
     }
 
-    /// `model` with these parts.
+    /// The flexible system of `model` with these parts.
     ///
     /// # Errors
-    /// A line that names the parameter or part, and what would be right.
+    /// A line that names the parameter or part, and the allowed values.
     pub fn system(&self, model: &Model) -> Result<FlexibleSystem, String> {
         let mut builder = FlexibleSystem::builder(model);
         for params in &self.appendages {
@@ -158,8 +158,8 @@ impl FlexibleParams {
         })
     }
 
-    /// The state of `system` at the start: joints as in `joints`, deformation and wheels as here, base as in the
-    /// description. Elastic joints are not wound up, and their motors move with the joints.
+    /// The initial state of `system`: joints as in `joints`, deformation and wheel speeds from these parameters, base
+    /// from the description. Elastic joints are unloaded, and their motors move with the joints.
     pub fn start(&self, system: &FlexibleSystem, joints: &State) -> FlexibleState {
         let mut state = FlexibleState::at_rest_with(system, &joints.q);
         state.tree.qd.copy_from(&joints.qd);
@@ -185,7 +185,7 @@ impl FlexibleParams {
     }
 }
 
-/// The link that the part `name` is on; an empty `link` is the root link.
+/// The link that carries the part `name`; an empty `link` is the root link.
 fn link<'a>(model: &'a Model, name: &str, link: &str) -> Result<&'a Frame, String> {
     if link.is_empty() {
         return Ok(&model.frames()[0]);

@@ -1,4 +1,4 @@
-//! Parameters of grasps: which frames of robot and targets latch, and when.
+//! Parameters of grasps: the frames of robot and target that latch, and the conditions.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -18,25 +18,25 @@ use crate::{
 pub struct GraspParams {
     /// Its name.
     pub name: String,
-    /// Link of the robot whose frame grasps.
+    /// Link of the robot whose frame is the grasping frame.
     pub frame: String,
     /// The target that is grasped.
     pub target: String,
-    /// Pose of the grasp frame in the target's root link.
+    /// Pose of the grasp frame in the frame of the target's root link.
     pub X_TG: Isometry3<f64>,
-    /// What it holds.
+    /// The degrees of freedom that the grasp holds.
     pub latch: Latch,
-    /// Reaction of the robot's joints to the impulse.
+    /// Behaviour of the robot's joints during the impulse.
     pub joints: JointReaction,
-    /// When it latches \[s\]; `None` is on command.
+    /// Time at which it latches \[s\]; `None` if it latches on command only.
     pub at: Option<f64>,
-    /// Whether it latches as soon as the frames are close enough.
+    /// Whether it latches automatically when the frames are close enough.
     pub automatic: bool,
-    /// Largest distance of the frames at which it latches \[m\].
+    /// Largest distance between the frames at which it latches \[m\].
     pub distance: f64,
-    /// Largest angle of the frames at which a weld latches \[rad\].
+    /// Largest angle between the frames at which a weld latches \[rad\].
     pub angle: f64,
-    /// When it opens \[s\]; `None` is on command.
+    /// Time at which it opens \[s\]; `None` if it opens on command only.
     pub release_at: Option<f64>,
     /// Spring that pushes robot and target apart when the grasp opens.
     pub spring: Option<ReleaseSpring>,
@@ -45,7 +45,7 @@ pub struct GraspParams {
 /// Declares `grasps` and the parameters of each, and reads them.
 ///
 /// # Errors
-/// A line that names a parameter with its value, and what would be right.
+/// A line that names a parameter, its value, and the allowed values.
 pub(super) fn declare_grasps(declare: &mut Declare) -> Result<Vec<GraspParams>, String> {
     let description = "Names of the grasps by which the robot can hold targets";
     let all = declare_each(declare, "grasps", description, GraspParams::declare)?;
@@ -139,7 +139,7 @@ impl GraspParams {
             frame,
             target,
             X_TG: Isometry3::from_parts(position.into(), rotation?),
-            // The declaration has refused any other text.
+            // Any other text has been refused by the declaration.
             latch: choice::find(&Latch::NAMES, &latch).unwrap_or_default(),
             joints: choice::find(&JointReaction::NAMES, &joints).unwrap_or_default(),
             at,

@@ -1,4 +1,4 @@
-//! Parameters of grippers: the joint of each, its limits, and when its goals are over.
+//! Parameters of grippers: their joints, limits, and the criteria for the end of a goal.
 
 use super::numbers::{limit, not_negative, scheduled_time};
 use crate::{nodes::named_lists::declare_each, ros::Declare};
@@ -6,27 +6,27 @@ use crate::{nodes::named_lists::declare_each, ros::Declare};
 /// Parameters of a gripper.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GripperParams {
-    /// Its name: actions are below it.
+    /// Its name, below which its actions are.
     pub name: String,
-    /// The joint that moves it; others may follow by `mimic`.
+    /// The joint that moves it; other joints may follow it by `mimic`.
     pub joint: String,
-    /// Largest effort \[N or N m\]; infinite for that of the joint.
+    /// Largest effort \[N or N m\]; infinite for the limit of the joint.
     pub max_effort: f64,
     /// Largest rate \[m/s or rad/s\].
     pub max_velocity: f64,
     /// Natural frequency of the servo \[rad/s\].
     pub bandwidth: f64,
-    /// Largest distance from a goal at which it is reached \[m or rad\].
+    /// Largest distance from a goal at which the goal counts as reached \[m or rad\].
     pub goal_tolerance: f64,
-    /// Rate below which the gripper does not move \[m/s or rad/s\].
+    /// Rate below which the gripper counts as not moving \[m/s or rad/s\].
     pub stall_velocity_threshold: f64,
-    /// How long it must not move to stall \[s\].
+    /// Time without motion after which it counts as stalled \[s\].
     pub stall_timeout: f64,
-    /// Whether a goal succeeds if the gripper stalls.
+    /// Whether a goal succeeds if the gripper stalls on the way.
     pub allow_stalling: bool,
-    /// When it closes \[s\]; `None` is on command.
+    /// Time at which it closes \[s\]; `None` if it closes on command only.
     pub close_at: Option<f64>,
-    /// Where it closes to \[m or rad\].
+    /// Position to which it closes then \[m or rad\].
     pub closed_position: f64,
 }
 

@@ -1,13 +1,13 @@
-//! The commands that lockstep waits for.
+//! Parameter `lockstep_on`: the commands for which lockstep waits.
 
 use crate::{nodes::topics, ros::Declare};
 
-/// The commands that every state waits for in lockstep.
+/// The commands for which every state waits in lockstep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LockstepOn {
-    /// `joint_commands`, or a motion of the arm.
+    /// Joints: `joint_commands`, or a motion of the arm.
     pub joints: bool,
-    /// `wheel_commands`, if the robot has wheels.
+    /// Wheels: `wheel_commands`, if the robot has wheels.
     pub wheels: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Bodies that are heavier or lighter than their descriptions.
+//! Parameter `mass_scale`: bodies that are heavier or lighter than in their descriptions.
 
 use roxmltree::Document;
 
@@ -17,8 +17,8 @@ pub(super) fn declare_mass_scale(declare: &mut Declare, target: &str) -> f64 {
     parameter.range(1e-6, 1e6).read_only().value()
 }
 
-/// The description with all masses and moments of inertia multiplied by `scale`. Numbers that cannot be read stay as they
-/// are: they are reported when the description is compiled.
+/// The description with all masses and moments of inertia multiplied by `scale`. Invalid numbers are left unchanged;
+/// they are reported when the description is compiled.
 pub(super) fn with_scaled_masses(xml: &str, scale: f64) -> String {
     let Ok(document) = Document::parse(xml) else {
         return xml.to_owned();

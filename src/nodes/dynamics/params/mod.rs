@@ -56,20 +56,20 @@ pub use thrusters::ThrusterParams;
 use velocity_servo::declare_servo;
 pub use wheels::WheelParams;
 
-/// Parameters of the dynamics node; read once, at the start.
+/// Parameters of the dynamics node. All but `base_reaction` are read once, at the start.
 #[derive(Debug, Clone)]
 pub struct DynamicsParams {
     /// The robot's description.
     pub robot: Description,
-    /// Joint positions at the start \[rad or m\]; empty means zero.
+    /// Initial joint positions \[rad or m\]; empty means zero.
     pub initial_joint_positions: Vec<f64>,
-    /// Joint rates at the start \[rad/s or m/s\]; empty means zero.
+    /// Initial joint rates \[rad/s or m/s\]; empty means zero.
     pub initial_joint_velocities: Vec<f64>,
-    /// Closures that make closed loops of the robot's tree.
+    /// Loop closures, which make closed loops of the robot's tree.
     pub loop_closures: Vec<LoopParams>,
-    /// Largest gap of a loop closure at the start that is closed by moving the joints \[m or rad\]; the same for rates.
+    /// Largest initial gap of a loop closure that is closed by moving the joints \[m or rad\]; the same for rates.
     pub loop_tolerance: f64,
-    /// Pose and motion of the base at the start.
+    /// Initial pose and motion of the base.
     pub base: InitialMotion,
     /// The robot's flexible parts, wheels and thrusters.
     pub flexible: FlexibleParams,
@@ -83,9 +83,9 @@ pub struct DynamicsParams {
     pub grippers: Vec<GripperParams>,
     /// Contact between bodies; `None` if they pass through each other.
     pub contact: Option<ContactParams>,
-    /// Namespaces of all robots of this world, if there are several; the first one's node owns the time.
+    /// Namespaces of all robots of this world, if there are several; the node of the first one owns the time.
     pub robots: Vec<String>,
-    /// Folders from which peers may name files to spawn.
+    /// Folders below which other nodes may name files to spawn.
     pub resource_folders: AllowedFolders,
     /// The base's inertial measurement unit.
     pub imu: ImuParams,
@@ -101,11 +101,11 @@ pub struct DynamicsParams {
     pub time_step: f64,
     /// States published per second of simulated time \[Hz\].
     pub state_rate: f64,
-    /// Simulated seconds per second; zero is as fast as possible.
+    /// Simulated seconds per second of real time; zero means as fast as possible.
     pub real_time_factor: f64,
-    /// Lockstep: whether every state waits for the command that answers it.
+    /// Lockstep: whether every state waits for the command that answers it ([`Self::lockstep_on`]).
     pub lockstep: bool,
-    /// The commands that every state waits for in lockstep.
+    /// The commands for which every state waits in lockstep.
     pub lockstep_on: LockstepOn,
     /// Whether time stands still until the first command.
     pub start_on_command: bool,
@@ -113,36 +113,38 @@ pub struct DynamicsParams {
     pub start_paused: bool,
     /// Whether the node configures and activates itself.
     pub autostart: bool,
-    /// Simulated time after which time stands still \[s\]; zero is never.
+    /// Simulated time at which time stops \[s\]; zero means never.
     pub duration: f64,
-    /// Age of the last command beyond which efforts, or driven rates, are zero \[s\].
+    /// Age of the last command above which efforts and driven rates become zero \[s\].
     pub command_timeout: f64,
-    /// How long a due state waits for the answer to the previous one, from a commander that answers states \[s\].
+    /// How long the next state waits beyond its due time for the answer to the last one, if the commander answers
+    /// states \[s\].
     pub answer_timeout: f64,
     /// Largest effort in a command \[N m or N\].
     pub max_effort: f64,
-    /// Acceleration of the effort limits of joints whose description gives none \[rad/s² or m/s²\]; zero is no limit.
+    /// Acceleration from which effort limits are derived for joints whose description has none \[rad/s² or m/s²\];
+    /// zero: no limits.
     pub default_joint_acceleration: f64,
     /// Friction, stops and speed limits of the joints.
     pub joint_physics: JointPhysics,
     /// The servos that drive joint rates and positions.
     pub(super) drive: DriveConfig,
-    /// Trajectories, paths, twists and external wrenches.
+    /// Settings of trajectories, paths, twists and external wrenches.
     pub motions: MotionParams,
-    /// What redundant joints do about the reaction of the base.
+    /// How redundant joints reduce the reaction on the base.
     pub base_reaction: LiveBaseReaction,
     /// Largest rate in a command \[rad/s or m/s\].
     pub max_rate: f64,
 }
 
 impl DynamicsParams {
-    /// Longest integration step between two published states \[s\], without commands in between.
+    /// Length of the integration steps between two published states without commands in between \[s\].
     pub fn longest_step(&self) -> f64 {
         let period = 1.0 / self.state_rate;
         period / step_count(period, self.time_step) as f64
     }
 
-    /// Repairs of the descriptions of robot and targets: a line per kind.
+    /// The repairs made to the descriptions of robot and targets, one line per kind.
     pub fn repairs(&self) -> Vec<String> {
         let targets = self.targets.iter().map(|target| &target.description);
         let descriptions = std::iter::once(&self.robot).chain(targets);
@@ -151,10 +153,10 @@ impl DynamicsParams {
         lines
     }
 
-    /// Declares the parameters and reads them. The caller calls `finish` of `declare`.
+    /// Declares and reads the parameters. The caller must call `declare.finish`.
     ///
     /// # Errors
-    /// A line that names the parameter whose file cannot be read or whose values do not fit together.
+    /// A line that names the parameter whose file cannot be read or whose value does not fit the others.
     pub fn declare(declare: &mut Declare) -> Result<Self, String> {
         let xml = (declare.param(
             "robot_description",
@@ -398,7 +400,7 @@ impl DynamicsParams {
         }
 
         let (base, loop_closures, flexible, grasps) = (base?, loop_closures?, flexible?, grasps?);
-        // The declaration has refused any other text.
+        // Any other text has been refused by the declaration.
         let formulation = choice::find(&FormulationKind::NAMES, &formulation).unwrap_or_default();
         if !loop_closures.is_empty() && formulation != FormulationKind::Reduced {
             let name = choice::name_of(&FormulationKind::NAMES, &formulation);
@@ -468,7 +470,7 @@ impl DynamicsParams {
             imu,
             wrist,
             star_tracker,
-            // The declaration has refused any other text.
+            // Any other text has been refused by the declaration.
             method: choice::find(&IntegrationMethod::NAMES, &method).unwrap_or_default(),
             formulation,
             time_step,

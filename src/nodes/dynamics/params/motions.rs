@@ -8,17 +8,17 @@ use crate::{
     ros::{Declare, Param},
 };
 
-/// What redundant joints do about the reaction of the base.
+/// How redundant joints reduce the reaction of the arm's motion on the base.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BaseReaction {
-    /// Nothing: the joints move as commanded.
+    /// Not at all: the joints move as commanded.
     Free,
-    /// They turn the base as little as the kept motion of the tip allows.
+    /// They turn the base as little as possible while the tip keeps its commanded motion.
     Least(KeptTip),
 }
 
 impl BaseReaction {
-    /// All by name.
+    /// All variants by name.
     pub const NAMES: [(&'static str, Self); 3] = [
         ("free", Self::Free),
         ("least_with_tip_pose", Self::Least(KeptTip::Pose)),
@@ -29,19 +29,19 @@ impl BaseReaction {
 /// Settings of motions; read once, at the start.
 #[derive(Debug, Clone)]
 pub struct MotionParams {
-    /// Whether peers can command motions and wrenches.
+    /// Whether other nodes can command motions and wrenches (`commander_interfaces`).
     pub interfaces: bool,
-    /// Link whose frame is the tip; empty is `tool0`, or the last link if there is none.
+    /// Link whose frame is the tip frame; empty is `tool0`, or the last link if there is no `tool0`.
     pub tip_link: String,
-    /// Default tolerance of trajectories on their way.
+    /// Default path tolerance of trajectories.
     pub path: StateTolerance,
-    /// Default tolerance of trajectories at their goal.
+    /// Default goal tolerance of trajectories.
     pub goal: StateTolerance,
-    /// Default of the time that a goal may take longer than its trajectory \[s\]; zero is any time.
+    /// Default goal time tolerance: by how much a goal may exceed its trajectory's duration \[s\]; zero for no limit.
     pub goal_time: f64,
-    /// Streamed twists.
+    /// Settings of streamed twists.
     pub twist: TwistServoConfig,
-    /// How long a wrench from `wrench` acts \[s\].
+    /// How long a wrench from the topic `wrench` acts \[s\].
     pub wrench_timeout: f64,
 }
 
@@ -61,7 +61,7 @@ pub(super) fn declare_position_servo(declare: &mut Declare) -> f64 {
 /// Declares the parameters of motions and reads them.
 ///
 /// # Errors
-/// A line that names the parameter of twists that is wrong.
+/// A line that names the invalid parameter of twists.
 pub(super) fn declare_motions(declare: &mut Declare) -> Result<MotionParams, String> {
     let tip_link = declare
         .param(
@@ -183,9 +183,9 @@ pub(super) fn declare_motions(declare: &mut Declare) -> Result<MotionParams, Str
 pub struct LiveBaseReaction(Arc<Param<String>>);
 
 impl LiveBaseReaction {
-    /// Its value now.
+    /// The current value.
     pub fn get(&self) -> BaseReaction {
-        // The declaration refuses any other text.
+        // Any other text is refused by the declaration.
         choice::find(&BaseReaction::NAMES, &self.0.get()).unwrap_or(BaseReaction::Free)
     }
 }

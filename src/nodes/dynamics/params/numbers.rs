@@ -1,10 +1,10 @@
-//! Declarations of numbers and directions with ranges, for the parts of a robot.
+//! Declarations of bounded numbers and of directions, for the parts of a robot.
 
 use nalgebra::{Unit, Vector3};
 
 use crate::{nodes::placement::finite, ros::Declare};
 
-/// A number that must be given, above zero.
+/// Declares a required positive number.
 pub(super) fn positive(declare: &mut Declare, name: &str, description: &str) -> f64 {
     let parameter = declare.required(name, description).read_only();
     parameter
@@ -19,7 +19,7 @@ pub(super) fn positive(declare: &mut Declare, name: &str, description: &str) -> 
         .value()
 }
 
-/// A number that is zero or above, with a default.
+/// Declares a non-negative number with a default.
 pub(super) fn not_negative(
     declare: &mut Declare,
     name: &str,
@@ -37,7 +37,7 @@ pub(super) fn not_negative(
         .value()
 }
 
-/// A limit of which zero, the default, stands for none: then infinity.
+/// Declares a limit; zero, the default, means no limit and is returned as infinity.
 pub(super) fn limit(declare: &mut Declare, name: &str, description: &str) -> f64 {
     let text = format!("{description}; 0 is no limit");
     match not_negative(declare, name, 0.0, &text) {
@@ -46,7 +46,7 @@ pub(super) fn limit(declare: &mut Declare, name: &str, description: &str) -> f64
     }
 }
 
-/// A direction that must be given: three numbers, of any length but zero.
+/// Declares a required direction: three numbers, not all zero.
 pub(super) fn direction(
     declare: &mut Declare,
     name: &str,
@@ -66,12 +66,12 @@ pub(super) fn direction(
         .value();
     match values.as_slice() {
         &[x, y, z] => Unit::new_normalize(Vector3::new(x, y, z)),
-        // The declaration has reported what is wrong.
+        // Other values have been reported by the declaration.
         _ => Vector3::x_axis(),
     }
 }
 
-/// A time \[s\] of which a negative one, the default, stands for none: then something happens on command.
+/// Declares a time \[s\]; a negative value, the default, means on command only and is returned as `None`.
 pub(super) fn scheduled_time(declare: &mut Declare, name: &str, description: &str) -> Option<f64> {
     let text = format!("{description} [s]; negative is on command");
     let value: f64 = declare

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use crate::{nodes::resource::Lookup, ros::Declare};
 
-/// Folders with ROS packages, searched before those of the environment.
+/// Folders with ROS packages, searched before those given by the environment.
 pub(super) struct PackageFolders(pub(super) Vec<PathBuf>);
 
 impl PackageFolders {
@@ -21,7 +21,7 @@ impl PackageFolders {
         Self(folders.iter().map(PathBuf::from).collect())
     }
 
-    /// Finds files relative to that of the parameter `name`.
+    /// Search of files relative to the file of the parameter `name`.
     pub(super) fn lookup(&self, declare: &Declare, name: &str) -> Lookup {
         Lookup {
             folder: declare.folder_of(name),

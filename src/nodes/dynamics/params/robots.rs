@@ -1,4 +1,4 @@
-//! Parameter of several robots in one world.
+//! Parameter `robots`: the robots that share one world.
 
 use crate::ros::{Declare, NodeName};
 

@@ -10,7 +10,7 @@ pub struct WheelParams {
     pub link: String,
     /// The wheel.
     pub wheel: Wheel,
-    /// Speed relative to the link at the start \[rad/s\].
+    /// Initial speed relative to the link \[rad/s\].
     pub initial_speed: f64,
 }
 

@@ -35,7 +35,7 @@ impl World {
         std::iter::once(self.robot.model().name()).chain(targets)
     }
 
-    /// The body of an entity.
+    /// The body of the entity called `entity`.
     pub(super) fn body(&mut self, entity: &str) -> Result<&mut dyn FreeBody, Outcome> {
         if self.robot.model().name() == entity {
             return Ok(&mut self.robot);
@@ -46,7 +46,7 @@ impl World {
         }
     }
 
-    /// The answer to a name that no entity has.
+    /// Error for a name that no entity has.
     pub(super) fn unknown(&self, entity: &str) -> Outcome {
         let known: Vec<_> = self.entities().collect();
         Outcome::new(
@@ -142,7 +142,7 @@ impl World {
     }
 }
 
-/// Description of a free body: mass, and bodies and joints if it has any.
+/// Short description of a free body: mass, and, if it has joints, the numbers of bodies and joints.
 pub(super) fn summary(model: &Model) -> String {
     let mass = model.total_mass();
     match model.dof() {
@@ -154,7 +154,7 @@ pub(super) fn summary(model: &Model) -> String {
     }
 }
 
-/// The same pose, with a quaternion.
+/// The same pose, with its rotation as a quaternion.
 pub(super) fn isometry(X: &Pose) -> Isometry3<f64> {
     Isometry3::from_parts(
         X.translation,

@@ -1,4 +1,4 @@
-//! Filters for entities: by name, category, tags and bounds.
+//! Filters of entities: by name, category, tags and bounds.
 
 use nalgebra::Vector3;
 use regex::Regex;
@@ -51,7 +51,7 @@ impl<'a> Filters<'a> {
         })
     }
 
-    /// Whether an entity passes all of them.
+    /// Whether an entity passes all filters.
     pub fn pass(&self, name: &str, info: &EntityInfo, origin: &Vector3<f64>) -> bool {
         let EntityFilters {
             categories, tags, ..

@@ -13,7 +13,7 @@ use crate::{
     spatial::Twist,
 };
 
-/// Sets pose and twist of an entity. Its acceleration follows from the forces on it and cannot be set.
+/// Sets pose and twist of an entity. Its acceleration cannot be set, since it follows from the forces.
 pub fn set(simulation: &mut Simulation, request: &SetEntityStateRequest) -> Set {
     let result = move_entity(simulation, request).err().unwrap_or_else(|| {
         let mut done = Outcome::ok();
@@ -72,7 +72,7 @@ fn move_entity(
     }
     world.body(&request.entity)?;
     if world.is_between_ticks() {
-        // A recording shows a move by two states of one time.
+        // In a recording, the move appears as two states of the same time.
         simulation.publish();
     }
     let body = simulation.world.body(&request.entity)?;
@@ -81,7 +81,7 @@ fn move_entity(
         None => isometry(&body.X_WB()),
     };
     let now_B = body.V_WB_B();
-    // A pose alone keeps the velocity in the world.
+    // If only the pose is set, the velocity in the world is kept.
     let R_WB_before = body.state().R_WB;
     let (w_W, v_W) = match request.set_twist {
         true => (w, v),

@@ -1,4 +1,4 @@
-//! The robot's grasps: `~/attach` and `~/detach`.
+//! Services of the robot's grasps: `~/attach` and `~/detach`.
 
 use super::check_active;
 use crate::{

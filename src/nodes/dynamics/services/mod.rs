@@ -1,7 +1,8 @@
-//! Control of the simulation by services: those of `simulation_interfaces` with its action, and those of grasps.
+//! Control of the simulation by services: the services and the action of `simulation_interfaces`, and services of
+//! grasps.
 //!
-//! Their names are private to the node (`/dynamics/step_simulation`), as those of Gazebo's server are, so that several
-//! simulations in one graph do not clash. Calls are answered by the thread that simulates, between two steps.
+//! As in Gazebo, names are private to the node (`/dynamics/step_simulation`), so that several simulations in one graph
+//! do not clash. Calls are answered by the simulation thread, between two steps.
 
 mod entities;
 mod entity_filters;
@@ -33,7 +34,7 @@ use crate::{
     ros::{Calls, Node, NodeError, ServiceServer},
 };
 
-/// The services that respond at once. Requests for steps, which take longer, are in [`StepRequests`].
+/// Services that respond at once. Requests for steps, which take longer, are handled by [`StepRequests`].
 pub struct Services {
     get_state: Calls<GetSimulationState>,
     set_state: Calls<SetSimulationState>,
@@ -48,17 +49,18 @@ pub struct Services {
     delete: Calls<DeleteEntity>,
     /// `~/attach` and `~/detach`, if the scenario has grasps.
     grasping: Option<[Calls<Trigger>; 2]>,
-    /// Whether the node is to stop once the present call is answered.
+    /// Whether the node stops after the current call is answered.
     quit_requested: bool,
     /// Services that do not depend on the simulation.
     _stateless: [ServiceServer; 2],
 }
 
 impl Services {
-    /// Offers the services, those of grasps if `can_grasp`. Peers may name files in `resource_folders` only.
+    /// Advertises the services; those of grasps only if `can_grasp`. Callers may name files below `resource_folders`
+    /// only.
     ///
     /// # Errors
-    /// When DDS refuses.
+    /// When DDS reports an error.
     pub fn new(
         node: &Node,
         resource_folders: &AllowedFolders,
@@ -96,7 +98,7 @@ impl Services {
     }
 }
 
-/// Answers the waiting calls, and accepts or refuses requests for steps.
+/// Answers pending calls, and accepts or refuses requests for steps.
 pub fn answer_calls(simulation: &mut Simulation) {
     let s = simulation;
     answer(s, |c| &c.get_state, |s, _| states::get(s));
@@ -146,7 +148,7 @@ fn answer<S: Service>(
     answer_if_offered(simulation, |services| Some(calls(services)), handler);
 }
 
-/// The same for a service that may not be offered.
+/// As [`answer`], for a service that may not be offered.
 fn answer_if_offered<S: Service>(
     simulation: &mut Simulation,
     calls: impl Fn(&Services) -> Option<&Calls<S>>,
@@ -165,7 +167,7 @@ fn answer_if_offered<S: Service>(
     }
 }
 
-/// Outcome for a call that needs an active node: an error if the node is inactive.
+/// An error if the node is inactive.
 fn check_active(simulation: &Simulation) -> Result<(), Outcome> {
     match simulation.is_active() {
         true => Ok(()),
@@ -176,7 +178,7 @@ fn check_active(simulation: &Simulation) -> Result<(), Outcome> {
     }
 }
 
-/// Outcome for a call that changes time: an error if the time of the world is that of another node.
+/// An error if another node owns the time of the world.
 fn check_owns_time(simulation: &Simulation) -> Result<(), Outcome> {
     match simulation.shared_time.refusal() {
         None => Ok(()),

@@ -1,4 +1,4 @@
-//! Adding free bodies to the world, and removing them.
+//! Services that add free bodies to the world and remove them.
 
 use std::{collections::BTreeSet, path::Path};
 
@@ -31,19 +31,19 @@ use crate::{
 /// Folder of the descriptions that come with fuyu.
 const DESCRIPTIONS: &str = "package://fuyu/urdf";
 
-/// Most joints that move of a body that a peer adds: memory and time for a step grow with their square.
+/// Maximum number of movable joints of a body that a caller adds: memory and time per step grow with its square.
 const MAX_JOINTS: usize = 200;
 
-/// Most free bodies of a world that may be added to.
+/// Maximum number of free bodies in the world, above which callers cannot add more.
 const MAX_ENTITIES: usize = 1000;
 
-/// Most files and folders in a request for what can be added.
+/// Maximum number of files and folders in a request for spawnables.
 const MAX_SOURCES: usize = 64;
 
-/// Most links of a body that a peer adds.
+/// Maximum number of links of a body that a caller adds.
 const MAX_LINKS: usize = 2000;
 
-/// Longest description that a peer sends \[bytes\].
+/// Longest description that a caller may send \[bytes\].
 const LARGEST_TEXT: usize = 4 << 20;
 
 /// Adds one free body.
@@ -139,7 +139,7 @@ fn add(simulation: &mut Simulation, request: &SpawnEntity) -> Result<String, Out
     Ok(name)
 }
 
-/// Refuses a body that would take too much memory or time.
+/// Refuses a body that would need too much memory or time.
 fn check_size(source: &str, model: &Model) -> Result<(), Outcome> {
     let (joints, links) = (model.dof(), model.frames().len());
     match joints <= MAX_JOINTS && links <= MAX_LINKS {
@@ -154,7 +154,7 @@ fn check_size(source: &str, model: &Model) -> Result<(), Outcome> {
     }
 }
 
-/// The name that an entity gets, with its namespace.
+/// The name for a new entity, with its namespace.
 fn free_name(world: &World, request: &SpawnEntity, model: &Model) -> Result<String, Outcome> {
     let namespace = request.entity_namespace.trim_matches('/');
     if !namespace.is_empty() && !namespace.split('/').all(is_name) {
@@ -202,14 +202,15 @@ fn free_name(world: &World, request: &SpawnEntity, model: &Model) -> Result<Stri
     }
 }
 
-/// The first frame of an entity called `name` whose name another frame has: the world, an entity, or a link.
+/// For a new entity called `name`: the first of its frame names that is taken already, by the world, an entity or a
+/// link.
 fn taken_frame(world: &World, name: &str, model: &Model) -> Option<String> {
     let links = model.frames().iter();
     let mut frames = links.map(|link| FrameTree::name_in_target(name, model, &link.name));
     frames.find(|frame| world.frame(frame).is_ok())
 }
 
-/// `name` with the first number that makes it and its frames' names free.
+/// `name` with the smallest number for which none of the entity's frame names is taken.
 fn numbered(world: &World, name: &str, model: &Model) -> String {
     let mut numbered = (1_u32..).map(|i| format!("{name}_{i}"));
     let free = numbered.find(|name| taken_frame(world, name, model).is_none());
@@ -255,7 +256,7 @@ fn is_name(text: &str) -> bool {
         && letters.all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
-/// The text of a resource that a peer may name, if it is URDF.
+/// The description in a resource that the caller may name, if it is URDF.
 fn read(resource: &Resource, allowed: &AllowedFolders) -> Result<Description, Outcome> {
     let unreadable = |e: String| Outcome::new(Code::RESOURCE_PARSE_ERROR, e);
     let (xml, source) = match (resource.uri.as_str(), resource.resource_string.as_str()) {
@@ -296,7 +297,7 @@ fn read(resource: &Resource, allowed: &AllowedFolders) -> Result<Description, Ou
     }
 }
 
-/// Descriptions of fuyu and in `sources`: files and folders that peers may name.
+/// Descriptions that can be spawned: those that come with fuyu, and those in `sources` (files and folders).
 pub fn spawnables(sources: &[String], allowed: &AllowedFolders) -> GetSpawnablesResponse {
     let sources: BTreeSet<&str> = sources.iter().map(String::as_str).collect();
     if sources.len() > MAX_SOURCES {
@@ -327,9 +328,9 @@ pub fn spawnables(sources: &[String], allowed: &AllowedFolders) -> GetSpawnables
     }
 }
 
-/// URDF files that `source` names, by the names to spawn them with.
+/// The URDF files in `source`, by the names under which they can be spawned.
 fn files(source: &str, allowed: &AllowedFolders) -> Result<Vec<String>, String> {
-    // The embedded folder of descriptions is not a file to resolve.
+    // The folder of embedded descriptions is not in the file system.
     if source != DESCRIPTIONS {
         allowed.resolve(source)?;
     }
@@ -377,7 +378,7 @@ mod tests {
         World::new(&scenario.dynamics().unwrap()).unwrap()
     }
 
-    /// Adds a chain with one joint as the services do, without publishing it: its name, or the refusal.
+    /// Adds a chain with one joint as the services do, without publishing. Returns its name, or the refusal.
     fn add(
         world: &mut World,
         namespace: &str,

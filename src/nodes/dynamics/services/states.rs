@@ -1,4 +1,4 @@
-//! Play, pause, stop, quit and reset.
+//! Services that play, pause, stop, quit and reset the simulation.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ use crate::{
     nodes::dynamics::{clock::Phase, simulation::Simulation, target::Target, world::World},
 };
 
-/// Numbers and names of the states of `simulation_interfaces`; a number is its index.
+/// Numbers and names of the states of `simulation_interfaces`; each number is its index.
 const NAMES: [(u8, &str); 4] = [
     (SimulationState::STATE_STOPPED, "stopped"),
     (SimulationState::STATE_PLAYING, "playing"),
@@ -22,7 +22,7 @@ const NAMES: [(u8, &str); 4] = [
     (SimulationState::STATE_QUITTING, "quitting"),
 ];
 
-/// Time between attempts to follow a reset that fail.
+/// Time between attempts to follow a reset that has failed.
 const RETRY_PERIOD: Duration = Duration::from_secs(1);
 
 impl Phase {
@@ -41,7 +41,7 @@ impl Phase {
 
 /// The state of the simulation.
 pub fn get(simulation: &Simulation) -> GetSimulationStateResponse {
-    // Whether time advances is up to its owner.
+    // The owner of the time decides whether time advances.
     let is_stopped = (simulation.shared_time).stands_still(simulation.world.time());
     let phase = match is_stopped {
         true => Phase::Paused,
@@ -132,7 +132,7 @@ fn stop(simulation: &mut Simulation) -> Result<(), Outcome> {
     Ok(())
 }
 
-/// Resets time, state, spawned bodies, or all.
+/// Resets time, state or spawned bodies, or everything.
 pub fn reset(simulation: &mut Simulation, request: &Reset) -> ResetSimulationResponse {
     let result = reset_scope(simulation, request.scope);
     ResetSimulationResponse {
@@ -185,7 +185,7 @@ fn reset_scope(simulation: &mut Simulation, scope: u8) -> Result<(), Outcome> {
     Ok(())
 }
 
-/// Everything is as at the start of the node.
+/// Resets everything to the start of the node.
 fn reset_all(simulation: &mut Simulation) -> Result<(), Outcome> {
     let failed = |e: String| Outcome::new(Outcome::OPERATION_FAILED, e);
     simulation.world = World::new(simulation.params).map_err(failed)?;
@@ -197,7 +197,8 @@ fn reset_all(simulation: &mut Simulation) -> Result<(), Outcome> {
     Ok(())
 }
 
-/// Why several robots cannot be reset in this scope: those that follow the time are reset with their state.
+/// Why a reset in this `scope` is refused with several robots: robots that follow the time are always reset with their
+/// state.
 fn splits_robots(scope: u8) -> Option<String> {
     let time_alone = scope & Reset::SCOPE_TIME != 0 && scope & Reset::SCOPE_STATE == 0;
     time_alone.then(|| {
@@ -209,12 +210,12 @@ fn splits_robots(scope: u8) -> Option<String> {
     })
 }
 
-/// The owner of the time, another node, was reset: so is this one.
+/// Resets this robot after a reset of the node that owns the time.
 pub fn follow_reset(simulation: &mut Simulation) {
     let leader = simulation.shared_time.leader().unwrap_or_default();
     tracing::info!("the robot {leader}, which owns the time, was reset, and so is this one");
     if let Err(failed) = reset_all(simulation) {
-        // The parameters have made a world before.
+        // Unexpected: the same parameters have produced a world before.
         tracing::error!("cannot follow a reset: {}", failed.error_message);
         simulation.node.wait_for(RETRY_PERIOD);
     }

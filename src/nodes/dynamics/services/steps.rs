@@ -1,4 +1,4 @@
-//! Requests for steps of a paused simulation: a service and an action.
+//! Requests for steps of a paused simulation, by a service and an action.
 
 use crate::{
     msg::simulation_interfaces::{
@@ -10,17 +10,17 @@ use crate::{
     ros::{ActionServer, Calls, Goal, Node, NodeError, Reply},
 };
 
-/// Most steps that one request may ask for. More would keep other clients waiting for hours.
+/// Maximum number of steps per request. More would keep other clients waiting for hours.
 const MAX_STEPS: u64 = 1_000_000;
 
-/// Endpoints for steps, and the pending request. There is at most one at a time.
+/// The service, the action and the pending request. There is at most one pending request.
 pub struct StepRequests {
     service: Calls<StepSimulation>,
     action: ActionServer<SimulateSteps>,
     pending: Option<StepRequest>,
 }
 
-/// Steps that a client waits for.
+/// Pending request for steps.
 struct StepRequest {
     done: u64,
     total: u64,
@@ -45,10 +45,10 @@ impl Client {
 }
 
 impl StepRequests {
-    /// Offers service and action.
+    /// Advertises service and action.
     ///
     /// # Errors
-    /// When DDS refuses.
+    /// When DDS reports an error.
     pub fn new(node: &Node) -> Result<Self, NodeError> {
         Ok(Self {
             service: node.serve_calls("~/step_simulation")?,
@@ -57,13 +57,13 @@ impl StepRequests {
         })
     }
 
-    /// Whether a client waits for steps.
+    /// Whether a request for steps is pending.
     pub fn is_pending(&self) -> bool {
         self.pending.is_some()
     }
 
-    /// Accepts or refuses new requests, depending on the simulation's phase and on whether the node is active (`active` has
-    /// the error if not). Ends the pending request if it was cancelled, and returns whether it did.
+    /// Accepts or refuses new requests, depending on the simulation's phase and on `active`, an error if steps are not
+    /// allowed. Ends the pending request if it was cancelled, and returns whether it was.
     pub(super) fn take_requests(&mut self, phase: Phase, active: &Result<(), Outcome>) -> bool {
         while let Some(call) = self.service.take() {
             self.begin(
@@ -133,8 +133,7 @@ impl StepRequests {
         }
     }
 
-    /// Counts a step that was simulated, and sends feedback. If it was the last one requested, answers the client and
-    /// returns true.
+    /// Counts a simulated step, and sends feedback. After the last requested step, answers the client and returns true.
     pub fn count(&mut self) -> bool {
         let Some(request) = &mut self.pending else {
             return false;
@@ -154,7 +153,7 @@ impl StepRequests {
         is_finished
     }
 
-    /// Ends the pending request early.
+    /// Ends the pending request early with an error.
     pub fn end(&mut self, reason: &str) {
         if let Some(request) = self.pending.take() {
             let text = format!("{reason} after {} of {} steps", request.done, request.total);
@@ -164,7 +163,7 @@ impl StepRequests {
     }
 }
 
-/// The refusal of a request for `total` steps, if these are too many.
+/// The error for a request for `total` steps, if that is too many.
 fn too_many(total: u64) -> Option<Outcome> {
     (total > MAX_STEPS).then(|| {
         Outcome::new(

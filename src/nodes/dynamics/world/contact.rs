@@ -1,4 +1,4 @@
-//! Contact in the world: when bodies are stepped together, the events of their contacts, and the energy of contact.
+//! Contacts in the world: when the contact world is set up, contact events, and the energy of contact.
 
 use super::super::{
     contacts::Contacts, grasps::RigidRobot, params::DynamicsParams, robot::Robot, target::Target,
@@ -7,37 +7,37 @@ use super::super::{
 use super::{GraspEvent, World};
 use crate::dynamics::{capture::Captured, contact::ContactPoint};
 
-/// Angle by which a ball joint may turn before its axes are looked at again \[rad\].
+/// Angle by which a ball joint may turn before the choice of its axes is checked again \[rad\].
 const LARGEST_TURN: f64 = 0.25;
-/// Shortest time between two looks at these axes \[s\].
+/// Shortest time between two such checks \[s\].
 const SHORTEST: f64 = 1e-4;
 
-/// Most events that are kept.
+/// Maximum number of events that are kept.
 const MOST_EVENTS: usize = 10_000;
 
 /// The contacts of a world, with their events and energies.
 pub(super) struct WorldContacts {
     contacts: Contacts,
     events: Vec<GraspEvent>,
-    /// Why contacts could not be simulated.
+    /// Why contacts could not be simulated, if that has happened.
     failure: Option<String>,
-    /// Energy that contacts dissipated before the bodies changed \[J\].
+    /// Energy dissipated by contacts in earlier contact worlds \[J\].
     dissipated_before: f64,
-    /// The targets with which contacts could not be set up, and the number of the one that the robot held.
+    /// Ids of the targets for which contact could not be set up, and the index of the held target then.
     refused: Option<(Vec<u64>, Option<usize>)>,
 }
 
-/// A point at which two links touch.
+/// A contact point of two links.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinkContact<'a> {
-    /// The links: of the robot, a target, or `TARGET/LINK`.
+    /// Names of the links: a link of the robot, a target, or `TARGET/LINK`.
     pub links: [&'a str; 2],
-    /// Where, how deep, and with which force on the first.
+    /// Position, depth, and force on the first link.
     pub point: ContactPoint,
 }
 
 impl WorldContacts {
-    /// The contacts that the parameters describe; `None` if there are none.
+    /// The contacts configured by the parameters; `None` without contact.
     ///
     /// # Errors
     /// A line that names a parameter or a description.
@@ -62,14 +62,14 @@ impl WorldContacts {
         }))
     }
 
-    /// Counts what contacts have dissipated that are set up again, with the energy that they stored beyond `stored` \[J\], which
-    /// the new ones store.
+    /// Before a contact world is replaced: records its dissipated energy, and the stored energy beyond the `stored`
+    /// energy \[J\] of its successor, which is lost.
     fn leave(&mut self, before: &Touching, stored: f64) {
         let lost = before.world().stored_energy() - stored;
         self.dissipated_before += before.world().dissipated_energy() + lost.max(0.0);
     }
 
-    /// Notes that these links do not touch any more since `time` \[s\].
+    /// Records that contacts of these links have ended at `time` \[s\].
     fn note_ends(&mut self, time: f64, links: Vec<[String; 2]>) {
         for [a, b] in links {
             self.note(time, format!("contact of {a} and {b} ends"));
@@ -84,17 +84,17 @@ impl WorldContacts {
 }
 
 impl World {
-    /// Whether bodies with `<collision>` elements touch.
+    /// Whether contact is simulated.
     pub fn has_contact(&self) -> bool {
         self.contacts.is_some()
     }
 
-    /// The links that have begun or ended to touch, oldest first.
+    /// Contacts of links that have begun or ended, oldest first.
     pub fn contact_events(&self) -> &[GraspEvent] {
         self.contacts.as_ref().map_or(&[], |c| &c.events)
     }
 
-    /// The points at which links touch now.
+    /// The current contact points.
     pub fn contact_points(&self) -> impl Iterator<Item = LinkContact<'_>> {
         let touching = self.robot.touching().into_iter();
         touching.flat_map(|touching| {
@@ -105,7 +105,7 @@ impl World {
         })
     }
 
-    /// Energy that contacts store now, and that they have dissipated \[J\]; `None` without contact.
+    /// Energy stored in contacts now, and energy dissipated by contacts so far \[J\]; `None` without contact.
     pub fn contact_energy(&self) -> Option<(f64, f64)> {
         let contacts = self.contacts.as_ref()?;
         let before = contacts.dissipated_before;
@@ -114,10 +114,10 @@ impl World {
         Some((stored, before + own))
     }
 
-    /// Checks that contacts could be simulated so far.
+    /// Reports once that contacts could not be simulated, if that has happened.
     ///
     /// # Errors
-    /// A line with the time and the reason; once.
+    /// A line with the reason.
     pub fn check_contacts(&mut self) -> Result<(), String> {
         let failure = self.contacts.as_mut().and_then(|c| c.failure.take());
         failure.map_or(Ok(()), Err)
@@ -135,7 +135,7 @@ impl World {
             return Ok(());
         };
         if robot.held().is_some() {
-            // What is held now may be free later.
+            // A target that is held now may be free later.
             contacts.contacts.check_pairs(robot, &self.targets)?;
         }
         if robot.has_second_grasp() {
@@ -143,7 +143,7 @@ impl World {
         }
         let mut touching = contacts.contacts.build(robot, &self.targets)?;
         if robot.held().is_some() {
-            // What is held at the start may overlap with the hand.
+            // A target that is held from the start may overlap with the hand.
             let apart = touching.pairs_without_held();
             touching.suspend_overlaps(&apart);
         }
@@ -153,7 +153,7 @@ impl World {
         Ok(())
     }
 
-    /// Checks that contact with the targets as they are can be simulated.
+    /// Checks that contact with the current targets can be simulated.
     ///
     /// # Errors
     /// A line on a description, a shape or a pair of shapes.
@@ -170,8 +170,8 @@ impl World {
         }
     }
 
-    /// `end` \[s\], or an earlier time after `time` \[s\] at which the axes of a ball joint between robot and target may have to be
-    /// chosen again: bodies that may touch are stepped with axes that stay.
+    /// `end` \[s\], or an earlier time after `time` \[s\] at which the axes of a ball joint between robot and held
+    /// target must be checked: they stay the same while the contact world is integrated.
     pub(super) fn next_choice_of_axes(&self, time: f64, end: f64) -> f64 {
         let robot = self
             .robot
@@ -184,7 +184,7 @@ impl World {
         }
     }
 
-    /// Sets up contact again if the targets, or what the robot holds, have changed.
+    /// Sets up contact again if the targets or the held target have changed.
     pub(super) fn renew_contact(&mut self, time: f64) {
         let Some(contacts) = &mut self.contacts else {
             return;
@@ -201,7 +201,7 @@ impl World {
         let is_current =
             (robot.stepped_with()).is_some_and(|touching| touching.has_targets(ids(), held));
         if robot.has_second_grasp() {
-            // Contact of closed loops is not simulated.
+            // Contact is not simulated while two grasps form a closed loop.
             if let Some(touching) = robot.set_touching(None) {
                 contacts.leave(&touching, 0.0);
                 let ended = touching
@@ -239,7 +239,7 @@ impl World {
         }
     }
 
-    /// Before a step: takes over states and inputs that were changed from outside since the last step.
+    /// Before a step: adopts states that were changed from outside since the last step.
     pub(super) fn prepare_contact(&mut self, time: f64) {
         self.renew_contact(time);
         let touching = self.robot.rigid_mut().and_then(RigidRobot::touching_mut);
@@ -252,12 +252,13 @@ impl World {
         }
     }
 
-    /// Whether target `i` is stepped with the robot.
+    /// Whether target `i` is integrated together with the robot.
     pub(super) fn is_stepped_with_robot(&self, i: usize) -> bool {
         self.held_target() == Some(self.targets[i].name.as_str()) || self.robot.touching().is_some()
     }
 
-    /// After a step of the robot that began at `time` \[s\]: targets that it may touch move with it.
+    /// After a step of the robot that began at `time` \[s\]: copies the motion of the targets in the contact world to
+    /// them, and records events.
     pub(super) fn finish_contact(&mut self, time: f64) {
         let (Some(contacts), Some(robot)) = (&mut self.contacts, self.robot.rigid_mut()) else {
             return;
@@ -280,7 +281,7 @@ impl World {
         }
     }
 
-    /// Contacts begin again, at the start.
+    /// Resets contact to the start.
     pub(super) fn reset_contact(&mut self) {
         if let Some(contacts) = &mut self.contacts {
             contacts.failure = None;

@@ -36,7 +36,7 @@ fn thruster(min_on_time: f64) -> ThrusterParams {
     }
 }
 
-/// Kinetic and strain energy and what was lost \[J\].
+/// Kinetic and strain energy plus losses \[J\].
 fn energy(world: &World) -> f64 {
     let robot = &world.robot;
     robot.kinetic_energy() + robot.strain_energy() + robot.lost_energy()
@@ -79,7 +79,7 @@ fn a_reset_restores_the_start() {
     assert_eq!(robot.input().wheel_torques.amax(), 0.0);
 }
 
-// A wheel turns the base back by its own momentum, which the total does not show.
+// The wheel and the base exchange momentum; the total momentum stays zero.
 #[test]
 fn a_wheel_takes_momentum_from_the_base() {
     let mut world = World::new(&params()).unwrap();
@@ -101,7 +101,7 @@ fn a_wheel_takes_momentum_from_the_base() {
     assert!((work - 0.5 * states.position[2]).abs() < 1e-9, "{work}");
 }
 
-// The pulse ends within a step: its impulse is thrust times time, and so is what it changes.
+// The pulse ends within a step: impulse and reported change must be thrust times time.
 #[test]
 fn what_thrusters_change_is_reported_as_coming_from_outside() {
     let mut params = params();
@@ -224,7 +224,7 @@ fn accelerations_are_those_of_the_motion() {
     }
 }
 
-// Friction and stops are of rigid robots only: the note says so, and settings switch it off.
+// Friction and stops are simulated for rigid robots only: a note says so, and settings switch it off.
 #[test]
 fn stops_that_are_not_simulated_are_reported() {
     let mut params = params();
@@ -245,7 +245,7 @@ fn stops_that_are_not_simulated_are_reported() {
     assert_eq!(World::new(&params).unwrap().not_simulated(), None);
 }
 
-// The tip's frame moves by the displacement that the states of appendages have.
+// The tip frame moves by the displacement in the appendage states.
 #[test]
 fn frames_show_the_deflection() {
     let world = World::new(&params()).unwrap();
@@ -268,7 +268,7 @@ fn frames_show_the_deflection() {
     assert!(turned.y < -0.01 && turned.x > 0.003, "{turned:?}");
 }
 
-// An elastic link has no frames but that of the link, which moves with the tip: by 2 cm here, without turning.
+// An elastic link has only the link's frame, which moves with the tip: by 2 cm here, without turning.
 #[test]
 fn frames_of_an_elastic_link_move_with_its_tip() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Grasps of the world's targets by its robot.
+//! Grasps: latching, holding and releasing targets.
 
 use super::super::{
     divergence,
@@ -19,18 +19,18 @@ use crate::{
     nodes::{geometry::with_matrix, tip_frame},
 };
 
-/// Most events that are kept.
+/// Maximum number of events that are kept.
 const MOST_EVENTS: usize = 10_000;
 
-/// Times within which an event is due \[s\].
+/// Tolerance within which a scheduled event is due \[s\].
 const ROUNDING: f64 = 1e-12;
 
-/// A grasp latched or opened, or could not latch.
+/// A grasp has latched, opened, or could not latch; also used for contacts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GraspEvent {
-    /// When \[s\].
+    /// Time \[s\].
     pub time: f64,
-    /// What, as a line.
+    /// Description, as a line.
     pub what: String,
 }
 
@@ -40,26 +40,26 @@ pub(super) struct Grasps {
     method: IntegrationMethod,
     joint_physics: JointPhysics,
     events: Vec<GraspEvent>,
-    /// Why a grasp could not latch when it had to.
+    /// Why a grasp could not latch at its time, if that has happened.
     failure: Option<String>,
-    /// Momentum and work that held targets have added to the robot.
+    /// Change of momentum and work of the robot due to targets that it held or touched.
     from_targets: ExternalChange,
 }
 
-/// A grasp, and its pending latch and release.
+/// A grasp, and its scheduled latching and release.
 struct Grasping {
     params: GraspParams,
     grasp: Grasp,
-    /// Whether it holds.
+    /// Whether it holds its target.
     is_closed: bool,
-    /// Whether it latches by itself; after it has opened, not before the frames have moved apart.
+    /// Whether it may latch automatically; after it has opened, not before the frames have moved apart.
     is_armed: bool,
     latch_is_due: bool,
     release_is_due: bool,
 }
 
 impl Grasping {
-    /// Open, with all before it that is not before `time`.
+    /// Opens the grasp, and schedules its latching and release unless they are before `time`.
     fn arm(&mut self, time: f64) {
         let is_ahead = |at: Option<f64>| at.is_some_and(|at| at >= time - ROUNDING);
         self.is_closed = false;
@@ -70,12 +70,12 @@ impl Grasping {
 }
 
 impl Grasps {
-    /// Whether there are none.
+    /// Whether there are no grasps.
     pub fn are_none(&self) -> bool {
         self.all.is_empty()
     }
 
-    /// The grasps that the parameters describe.
+    /// The grasps configured by the parameters.
     ///
     /// # Errors
     /// A line that names the parameter.
@@ -94,7 +94,7 @@ impl Grasps {
         let all = params.grasps.iter().map(|grasp| {
             let name = &grasp.name;
             let robot_frame = tip_frame(robot.model(), &grasp.frame).or_else(|e| {
-                // A grasp may be on the base.
+                // The grasp frame may be on the base, too.
                 robot.model().frame(&grasp.frame).cloned().ok_or_else(|| {
                     format!("parameter {name}.frame: {}", e.replacen("tip_link ", "", 1))
                 })
@@ -135,7 +135,7 @@ impl Grasps {
         })
     }
 
-    /// The first time in `(time, end)` at which a grasp latches or opens, or `end` \[s\].
+    /// The first time in `(time, end)` at which a grasp is scheduled to latch or open; `end` \[s\] if there is none.
     pub fn next_change(&self, time: f64, end: f64) -> f64 {
         let latches = self.all.iter().filter(|g| g.latch_is_due);
         let releases = self.all.iter().filter(|g| g.release_is_due);
@@ -151,7 +151,7 @@ impl Grasps {
         }
     }
 
-    /// All are open, and wait as at the start for what is not before `time` \[s\].
+    /// Opens all grasps, and schedules latching and release as at the start, unless they are before `time` \[s\].
     pub fn arm(&mut self, time: f64) {
         for grasping in &mut self.all {
             grasping.arm(time);
@@ -159,13 +159,13 @@ impl Grasps {
         self.failure = None;
     }
 
-    /// The same for a robot that is at its start again, of which nothing has been changed.
+    /// As [`Self::arm`], for a robot in its initial state: the effect of targets on it is zero again.
     pub fn reset(&mut self, time: f64) {
         self.arm(time);
         self.from_targets = ExternalChange::default();
     }
 
-    /// All are open; the next one waits for a command, or for its frames to come together again.
+    /// Opens all grasps. Those that were closed do not latch automatically before their frames have been apart.
     pub fn forget(&mut self) {
         for grasping in &mut self.all {
             if std::mem::take(&mut grasping.is_closed) {
@@ -208,7 +208,7 @@ fn check_flexible(
     Ok(())
 }
 
-/// Momentum and energy of the robot alone.
+/// Momentum and kinetic energy of the robot alone.
 struct Carried {
     momentum_W: Momentum,
     energy: f64,
@@ -224,10 +224,10 @@ impl Carried {
 }
 
 impl World {
-    /// Latches the first grasp whose frames are close enough. Returns a line on the result.
+    /// Latches the first grasp whose frames are close enough. Returns a line that describes the result.
     ///
     /// # Errors
-    /// A line on why none latches: how far the frames are apart, or what holds already.
+    /// A line that says why none latches: the distance of the frames, or the target that is held already.
     pub fn attach(&mut self) -> Result<String, String> {
         if self.grasps.all.is_empty() {
             return Err(
@@ -250,22 +250,22 @@ impl World {
         Err(reasons.join("; "))
     }
 
-    /// Opens all grasps. Returns a line on the result.
+    /// Opens all grasps. Returns a line that describes the result.
     ///
     /// # Errors
-    /// A line if none is closed.
+    /// A line, if no grasp is closed.
     pub fn detach(&mut self) -> Result<String, String> {
         let closed = self.grasps.all.iter().position(|g| g.is_closed);
         let closed = closed.ok_or_else(|| "no grasp is closed".to_owned())?;
         Ok(self.open(closed, self.time()))
     }
 
-    /// Name of the target that the robot holds.
+    /// Name of the held target.
     pub fn held_target(&self) -> Option<&str> {
         self.robot.held()
     }
 
-    /// The targets that a grasp of the robot can hold, or that it may touch.
+    /// The targets that the robot may grasp or touch.
     pub fn coupled_targets(&self) -> impl Iterator<Item = &Target> {
         let is_graspable = |target: &&Target| {
             let mut grasps = self.grasps.all.iter();
@@ -279,16 +279,16 @@ impl World {
         &self.grasps.events
     }
 
-    /// Checks that no grasp that had to latch could not.
+    /// Reports once that a grasp could not latch at its time, if that has happened.
     ///
     /// # Errors
-    /// A line with the time, the grasp, and how far its frames were apart; once.
+    /// A line with the time, the grasp, and the distance of its frames.
     pub fn check_grasps(&mut self) -> Result<(), String> {
         self.grasps.failure.take().map_or(Ok(()), Err)
     }
 
-    /// What wrenches from outside, thrusters and held targets have changed of the robot since the start; `None` if
-    /// nothing has acted.
+    /// Change of momentum and work of the robot by external wrenches, thrusters and targets since the start; `None` if
+    /// none has acted.
     pub fn change_from_outside(&self) -> Option<ExternalChange> {
         let has_met = !self.grasps.events.is_empty() || !self.contact_events().is_empty();
         let by_targets = has_met.then_some(self.grasps.from_targets);
@@ -303,13 +303,13 @@ impl World {
         }
     }
 
-    /// Opens all grasps without a spring, because the state is about to be replaced.
+    /// Opens all grasps without a release spring, because the state is about to be replaced.
     pub(in super::super) fn drop_held(&mut self) {
         self.robot.let_go();
         self.grasps.forget();
     }
 
-    /// Opens all grasps if robot or target have diverged: each is restored by itself then.
+    /// Opens all grasps if the robot or the held target has diverged: each is then restored separately.
     pub(super) fn drop_diverged(&mut self) {
         let Some(held) = self.held_target() else {
             return;
@@ -324,7 +324,7 @@ impl World {
         }
     }
 
-    /// Saves the state of the target that the robot holds, to return to if the motion diverges.
+    /// Saves the state of the held target, to be restored after a divergence.
     pub(super) fn save_held_target(&mut self) {
         let held = self.held_target().map(|held| self.target_index(held));
         if let Some(Ok(index)) = held {
@@ -332,7 +332,7 @@ impl World {
         }
     }
 
-    /// Latches and opens the grasps that are due at the present state.
+    /// Latches and opens the grasps that are due at `time` \[s\].
     pub(super) fn follow_grasps(&mut self, time: f64) {
         for i in 0..self.grasps.all.len() {
             let grasping = &mut self.grasps.all[i];
@@ -359,7 +359,7 @@ impl World {
         }
     }
 
-    /// Latches a grasp that does so by itself, if its frames are close enough.
+    /// Latches grasp `i` automatically, if its frames are close enough.
     fn follow_automatic(&mut self, i: usize, time: f64) {
         let grasping = &self.grasps.all[i];
         if !grasping.params.automatic || grasping.is_closed {
@@ -367,14 +367,14 @@ impl World {
         }
         let is_near = self.check_apart(i).is_ok();
         if is_near && grasping.is_armed {
-            // Another target may be held.
+            // Fails if another target is held.
             let _ = self.latch(i, time);
         } else if !is_near {
             self.grasps.all[i].is_armed = true;
         }
     }
 
-    /// Checks that the frames of grasp `i` are close enough; the target's index.
+    /// Checks that the frames of grasp `i` are close enough. Returns the target's index.
     fn check_apart(&self, i: usize) -> Result<usize, String> {
         let Grasping { params, grasp, .. } = &self.grasps.all[i];
         let at = |e: String| format!("grasp '{}': {e}", params.name);
@@ -431,7 +431,7 @@ impl World {
         Ok(what)
     }
 
-    /// Opens all grasps, of which `i` is closed, at `time` \[s\] with the spring of that one.
+    /// Opens all grasps at `time` \[s\], with the release spring of grasp `i`, which is closed.
     fn open(&mut self, i: usize, time: f64) -> String {
         let params = &self.grasps.all[i].params;
         let (target, spring) = (params.target.clone(), params.spring);
@@ -450,7 +450,7 @@ impl World {
         what
     }
 
-    /// Before a step of the robot, if it holds something or may touch something: what [`Self::finish_held_step`] needs.
+    /// Before a step of a robot that holds or may touch something: data for [`Self::finish_held_step`].
     pub(super) fn begin_held_step(&self) -> Option<HeldStep> {
         if self.held_target().is_none() && self.robot.touching().is_none() {
             return None;
@@ -461,7 +461,7 @@ impl World {
         })
     }
 
-    /// After a step of the robot that began at `time` \[s\]: what it holds or may touch moves with it.
+    /// After a step of the robot that began at `time` \[s\]: updates the targets that it holds or may touch.
     pub(super) fn finish_held_step(&mut self, step: HeldStep, time: f64) {
         let (then, now) = (step.known, self.known_change());
         let known = ExternalChange {
@@ -476,7 +476,7 @@ impl World {
         self.finish_contact(time);
     }
 
-    /// Gives the target that the robot holds the motion that it has in its grasp.
+    /// Copies the motion of the held target in the joined system to the target.
     fn show_held_target(&mut self) {
         let Some(held) = self.held_target() else {
             return;
@@ -486,14 +486,14 @@ impl World {
         }
     }
 
-    /// Momentum that wrenches from outside have changed so far, and the work of all that acts on robot and target.
+    /// Change of momentum by external wrenches so far, and work on robot and held target except by contacts.
     fn known_change(&self) -> ExternalChange {
         let momentum_W = (self.wrenches.change()).map_or_else(Momentum::default, |c| c.momentum_W);
         let work = self.robot.whole_work() - self.robot.contact_work();
         ExternalChange { momentum_W, work }
     }
 
-    /// Counts how the robot has changed since `before`, less what is known to be done by others, as done by targets.
+    /// Attributes the change of the robot since `before`, minus the `known` change by others, to targets.
     fn count_change_by_targets(&mut self, before: &Carried, known: &ExternalChange) {
         let now = Carried::of(&self.robot);
         let change = &mut self.grasps.from_targets;
@@ -505,14 +505,14 @@ impl World {
 }
 
 impl Grasps {
-    /// Whether grasp `i` or a closed one locks the robot's joints.
+    /// Whether grasp `i` or a closed grasp locks the robot's joints during the impulse.
     fn has_locked_joints(&self, i: usize) -> bool {
         let is_locked = |g: &Grasping| g.grasp.joints == JointReaction::Locked;
         is_locked(&self.all[i]) || self.all.iter().any(|g| g.is_closed && is_locked(g))
     }
 }
 
-/// See [`World::begin_held_step`].
+/// Data before a step, see [`World::begin_held_step`].
 pub(super) struct HeldStep {
     before: Carried,
     known: ExternalChange,

@@ -1,5 +1,5 @@
-//! Ticks in which a rigid robot only moves under held efforts: their steps may be computed
-//! elsewhere, together with those of other worlds.
+//! Held ticks: ticks in which a rigid robot moves under held efforts only. Their steps can be computed by the caller,
+//! for several worlds together.
 
 use super::World;
 use crate::dynamics::Floating;
@@ -14,9 +14,9 @@ pub struct HeldTick {
 }
 
 impl World {
-    /// Begins the next tick, if it consists only of steps of a rigid robot, without targets, contacts, wrenches
-    /// and servos. Time has advanced then; [`World::held_robot`] must be stepped, and [`World::finish_held_tick`]
-    /// called. Otherwise nothing has changed: [`World::step_to_tick`] is for all ticks.
+    /// Begins the next tick if a rigid robot moves under held efforts only: without targets, contacts, wrenches and
+    /// servos. Time has then advanced; the caller must step [`World::held_robot`] and call [`World::finish_held_tick`].
+    /// Otherwise returns `None` with nothing changed; [`World::step_to_tick`] works for all ticks.
     pub fn begin_held_tick(&mut self) -> Option<HeldTick> {
         let is_alone = self.targets.is_empty() && self.contacts.is_none() && self.grasps.are_none();
         let is_left = self.wrenches.are_none() && !self.time.is_between_ticks();
@@ -31,12 +31,12 @@ impl World {
         Some(HeldTick { dt, steps })
     }
 
-    /// The robot to step; `None` if it has flexible parts.
+    /// The robot to step; `None` unless it is rigid.
     pub fn held_robot(&mut self) -> Option<&mut Floating> {
         Some(self.robot.rigid_mut()?.own_mut())
     }
 
-    /// Ends a tick of [`World::begin_held_tick`].
+    /// Ends a tick begun by [`World::begin_held_tick`].
     pub fn finish_held_tick(&mut self) {
         self.finish_tick();
     }

@@ -26,7 +26,7 @@ fn world(config: &str) -> World {
     World::new(&params(config)).unwrap()
 }
 
-/// All numbers that are published are finite.
+/// Checks that all published numbers are finite.
 fn assert_publishable(world: &mut World) {
     assert!(world.check_divergence().is_ok());
     let stamp = Time::from_secs_f64(world.time());
@@ -51,7 +51,7 @@ fn a_state_that_is_not_finite_is_replaced_by_the_one_before() {
     world.step_to_tick_or_restore().unwrap();
     let before = world.robot.state().clone();
     world.robot.input_mut().efforts[0] = f64::NAN;
-    // A command in the middle of a period steps the world, too.
+    // A command within a period also steps the world.
     let problem = world.step_within_tick_or_restore(0.015).unwrap_err();
     assert!(problem.contains("diverged at 0.015 s"), "{problem}");
     let state = world.robot.state();
@@ -64,8 +64,8 @@ fn a_state_that_is_not_finite_is_replaced_by_the_one_before() {
     assert_publishable(&mut world);
 }
 
-/// Five seconds of efforts, `efforts(state, joint)` \[N m\], commanded at every state and in between. Returns the
-/// reports of divergence.
+/// Five seconds of efforts, `efforts(state, joint)` \[N m\], commanded at every state, and, if `between`, also between
+/// states. Returns the reports of divergence.
 fn attack(world: &mut World, between: bool, efforts: impl Fn(u64, usize) -> f64) -> Vec<String> {
     let mut problems = Vec::new();
     for tick in 0..500 {
@@ -108,7 +108,7 @@ fn large_efforts_at_any_time_never_end_the_simulation() {
             );
             println!("{:?}", world.robot.state().qd.as_slice());
             problems.extend(found);
-            // The robot obeys again.
+            // The robot executes commands again.
             world.robot.restore(&world.start);
             world.hold_efforts((0..6).map(|j| (j, if j == 1 { 1.0 } else { 0.0 })));
             for _ in 0..100 {
@@ -123,7 +123,7 @@ fn large_efforts_at_any_time_never_end_the_simulation() {
     }
 }
 
-// The motion is in the momentum: stopping the joints does not help.
+// The momentum itself is too large: stopping the joints does not help.
 #[test]
 fn a_base_that_turns_too_fast_is_stopped() {
     for rate in [100.0, 1e5] {

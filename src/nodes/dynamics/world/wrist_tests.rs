@@ -50,7 +50,7 @@ pub(super) fn check_wrist(
     let dt = (world.time() - begin) / 60.0;
     let mut largest: f64 = 0.0;
     for five in states.windows(5) {
-        // Central differences of fourth order.
+        // Fourth-order central differences.
         let rate = |k: usize| {
             let of = |i: usize| five[i].2[k];
             (8.0 * (of(3) - of(1)) - (of(4) - of(0))) / (12.0 * dt)

@@ -12,25 +12,25 @@ pub struct ArmMotion<'a> {
     pub q: &'a [f64],
     /// Joint rates \[rad/s or m/s\].
     pub qd: &'a [f64],
-    /// Joint accelerations until the next sample \[rad/s² or m/s²\], if they are known, as those of a commanded motion
-    /// are.
+    /// Joint accelerations until the next sample \[rad/s² or m/s²\], if they are known, such as those of a commanded
+    /// motion.
     pub qdd: Option<&'a [f64]>,
 }
 
 /// Angular momentum of the arm relative to a base that does not turn, and the torque on the base that balances its
-/// change. No call but the constructor allocates memory.
+/// change. Only the constructor allocates memory.
 ///
-/// About the centre of mass of everything, angular momentum is constant without external torques. While the base does
-/// not turn, the arm's share of it is `h(q, q')`, linear in the rates, however the base moves otherwise; what the arm
-/// gains, the wheels must lose. So the mean torque on the base that keeps it still for a period T is
+/// About the system's centre of mass, angular momentum is constant without external torques. While the base does
+/// not turn, the arm's part is `h(q, q')`, linear in the rates, for any translation of the base; the wheels must lose the
+/// momentum that the arm gains. So the mean torque on the base that keeps it still for a period T is
 /// `d = (h(t + T) - h(t)) / T`.
 ///
-/// If only past rates are known, `h'` of the last period is at hand. It is d for joints that servos hold. Free joints
-/// follow the base, so that a feed-forward torque that errs by e makes `h' = d - R e`, where R compares the inertia
-/// that the arm adds to the locked robot with the rest: a torque of h' alone would feed back on itself, and grow for
-/// `R > 1`. So the torque is a mean of h' and of itself a period ago, with the weight β on h'. Its error is then multiplied
-/// by `1 - β (1 + R)` in a period: with β = 1/2 it decays for all R < 3. Whatever R is, the law meets the inertia of
-/// the locked robot.
+/// If only past rates are known, the law uses `h'` of the last period. It equals d for joints that servos hold. Free joints
+/// follow the base, so that a feed-forward torque with error e makes `h' = d - R e`, where R is the ratio of the inertia
+/// that the arm adds to the locked robot to the rest of the robot's inertia: a torque of h' alone would feed back on itself,
+/// and grow for `R > 1`. So the torque is a weighted mean of h' (weight β) and of itself a period ago. Its error is then
+/// multiplied by `1 - β (1 + R)` in a period: with β = 1/2 it decays for all R < 3. For any R, the attitude law acts on the
+/// inertia of the locked robot.
 #[derive(Debug, Clone)]
 pub struct ArmMomentum {
     state: FlexibleState,
@@ -41,11 +41,11 @@ pub struct ArmMomentum {
     torque: Vector3<f64>,
 }
 
-/// β.
+/// Weight β.
 const TRUST: f64 = 0.5;
 
 impl ArmMomentum {
-    /// For `system`. Its wheels and deformations do not count.
+    /// Computes the arm's momentum for `system`, without its wheels and deformations.
     pub fn new(system: &FlexibleSystem) -> Self {
         let state = FlexibleState::at_rest(system);
         let mut workspace = FlexibleWorkspace::new(system);
@@ -69,7 +69,7 @@ impl ArmMomentum {
         self.torque = Vector3::zeros();
     }
 
-    /// Angular momentum about the centre of mass of everything while the base does not turn, base axes \[N m s\].
+    /// Angular momentum about the system's centre of mass while the base does not turn, base axes \[N m s\].
     ///
     /// # Panics
     /// If there is not one position and rate per joint.
@@ -81,19 +81,20 @@ impl ArmMomentum {
 
     fn momentum_of_state(&mut self) -> Vector3<f64> {
         self.state.unwind_joints(self.workspace.system());
-        // The momentum that a base at rest in the world's axes leaves.
+        // Momentum for which the base is at rest in the world's axes.
         self.state
             .set_base(&mut self.workspace, &Pose::identity(), &Twist::ZERO);
         self.state.tree.momentum_W.angular
     }
 
-    /// Centre of mass of everything in the base frame at the positions of the last call \[m\].
+    /// The system's centre of mass in the base frame at the positions of the last call \[m\].
     pub fn p_BC(&self) -> &Vector3<f64> {
         self.workspace.p_BC()
     }
 
     /// Mean torque on the base, base axes \[N m\], that balances the arm for the next `period` \[s\]. Without known
-    /// accelerations it follows from the calls before, the last of them a `period` ago; the first gives zero then.
+    /// accelerations it is computed from the previous calls, the last of which must be a `period` ago; the first call
+    /// then gives zero.
     ///
     /// # Panics
     /// If there is not one value per joint.
@@ -105,7 +106,7 @@ impl ArmMomentum {
             self.torque += (rate - self.torque) * TRUST;
             return self.torque;
         };
-        // The state holds the present; on to the end of the period.
+        // The state holds the present motion; advance it to the end of the period.
         let tree = &mut self.state.tree;
         for (j, acceleration) in qdd.iter().enumerate() {
             tree.q[j] += (motion.qd[j] + 0.5 * period * acceleration) * period;

@@ -1,4 +1,4 @@
-//! The control step with its inputs: the newest measurements, their largest ages, and the fallback when one is too old.
+//! The attitude controller: holds the newest measurements, limits their ages, and falls back when one is too old.
 
 use nalgebra::{DVector, Vector3};
 
@@ -35,11 +35,11 @@ impl Default for AttitudeControllerConfig {
 /// Origin of the torques of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AttitudeMode {
-    /// Those of the law, for the deviation from the reference.
+    /// Torques of the law, for the deviation from the reference.
     Law,
-    /// Those of the law for the rate alone: the attitude is not known well enough.
+    /// Torques of the law for the rate alone: the attitude is not known well enough.
     RateDamping,
-    /// Zero, with closed valves: there is no gyro.
+    /// Zero torques and closed valves: there is no recent gyro sample.
     ZeroTorque,
 }
 
@@ -50,19 +50,19 @@ pub struct AttitudeReport {
     pub stamp: Stamp,
     /// Origin of the torques.
     pub mode: AttitudeMode,
-    /// Estimated attitude, rate and bias, once there is a gyro.
+    /// Estimated attitude, rate and bias, once there is a gyro sample.
     pub estimate: Option<AttitudeEstimate>,
     /// Deviation from the reference, if the attitude is known.
     pub deviation: Option<AttitudeDeviation>,
     /// Torques and momentum; `None` in [`AttitudeMode::ZeroTorque`].
     pub regulator: Option<RegulatorReport>,
-    /// Gyro.
+    /// Status of the gyro.
     pub gyro: InputStatus,
-    /// Star tracker. If it is stale, the attitude is that of the gyro since its last measurement.
+    /// Status of the star tracker. If stale, the attitude is integrated from the gyro since its last measurement.
     pub star_tracker: InputStatus,
-    /// Speeds of the wheels.
+    /// Status of the wheel speeds.
     pub wheels: InputStatus,
-    /// Joint states.
+    /// Status of the joint states.
     pub joints: InputStatus,
     /// Measurements of the star tracker so far that contradict the estimate.
     pub outliers: u64,
@@ -70,8 +70,8 @@ pub struct AttitudeReport {
 
 /// Attitude control with its inputs: filter, law, feed-forward, allocation and desaturation. A step allocates no
 /// memory.
-///
-/// Samples arrive one by one, late, or not at all; a step uses the newest of each. The node and the simulation run this
+/// Samples arrive one by one, late, or not at all; a step uses the newest of each. The node and the simulation call
+/// this same step, at times of their choice.
 /// same step, at times that they choose.
 ///
 /// | input | if missing or too old |
@@ -113,7 +113,8 @@ impl Sample {
         }
     }
 
-    /// Takes the values unless they are older than those held; by more than `timeout`, time has jumped back.
+    /// Takes the values unless they are older than those held; if they are older by more than `timeout`, time has
+    /// jumped back and they are taken.
     fn offer(&mut self, stamp: Stamp, values: &[f64], timeout: f64) {
         let is_late = |held: Stamp| (0.0..=timeout).contains(&held.seconds_since(stamp));
         if self
@@ -126,7 +127,7 @@ impl Sample {
     }
 }
 
-/// Whether a sample of this stamp may be used at `now`.
+/// Whether a sample with this stamp may be used at `now`.
 fn status(stamp: Option<Stamp>, now: Stamp, timeout: f64) -> InputStatus {
     match stamp.map(|stamp| now.seconds_since(stamp)) {
         None => InputStatus::Missing,
@@ -179,8 +180,8 @@ impl AttitudeController {
         self.regulator.set_law(law);
     }
 
-    /// Ends the torques until the next step, which begins as the first one does: no state of the law remains. Filter
-    /// and reference stay.
+    /// Sets the torques to zero until the next step, which starts like the first one, without state of the law. Filter
+    /// and reference are kept.
     pub fn release(&mut self) {
         self.regulator.reset();
         self.mode = AttitudeMode::ZeroTorque;
@@ -204,7 +205,7 @@ impl AttitudeController {
         }
     }
 
-    /// On-times of the thrusters of the last step, from its time on \[s\]; empty if thrusters are not used.
+    /// On-times of the thrusters from the time of the last step on \[s\]; empty if thrusters are not used.
     pub fn on_times(&self) -> &[f64] {
         match self.mode {
             AttitudeMode::ZeroTorque => &self.no_on_times,
@@ -212,12 +213,12 @@ impl AttitudeController {
         }
     }
 
-    /// How often it has been restarted.
+    /// Number of restarts.
     pub fn restarts(&self) -> u32 {
         self.restarts
     }
 
-    /// Forgets all inputs, also the reference.
+    /// Discards all inputs, including the reference.
     pub fn restart(&mut self) {
         self.restarts = self.restarts.wrapping_add(1);
         self.filter.restart();
@@ -229,11 +230,11 @@ impl AttitudeController {
         self.mode = AttitudeMode::ZeroTorque;
     }
 
-    /// Adds what the gyro measures, base axes \[rad/s\]. Returns what became of a measurement of the star tracker that
-    /// waited for it.
+    /// Adds a gyro measurement, base axes \[rad/s\]. Returns the result for a star tracker measurement that waited for
+    /// this sample.
     ///
     /// # Errors
-    /// A value that is not finite; it is not added.
+    /// A value that is not finite; the sample is then not added.
     pub fn add_gyro(
         &mut self,
         stamp: Stamp,
@@ -249,7 +250,7 @@ impl AttitudeController {
     /// Adds a measurement of the star tracker, at its time of exposure.
     ///
     /// # Errors
-    /// A value that is not finite; it is not added.
+    /// A value that is not finite; the measurement is then not added.
     pub fn add_star_tracker(
         &mut self,
         stamp: Stamp,
@@ -300,10 +301,10 @@ impl AttitudeController {
         Ok(())
     }
 
-    /// Sets the reference, which has the given attitude at `stamp` and turns on with its rate.
+    /// Sets the reference: its attitude at `stamp`, from which it continues with its rate.
     ///
     /// # Errors
-    /// A value that is not finite; the reference stays.
+    /// A value that is not finite; the previous reference is then kept.
     pub fn set_target(
         &mut self,
         stamp: Stamp,

@@ -5,7 +5,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 /// Reference of the attitude.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AttitudeTarget {
-    /// Attitude D that the base is to have in the world.
+    /// Desired attitude of the base: frame D in the world.
     pub R_WD: UnitQuaternion<f64>,
     /// Angular velocity of D, axes of D \[rad/s\].
     pub w_WD_D: Vector3<f64>,
@@ -24,15 +24,15 @@ impl AttitudeTarget {
 /// Input of a law: deviation of attitude and rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AttitudeDeviation {
-    /// Twice the vector part of the quaternion of `R_DB`, of the two quaternions the one with a positive real part
-    /// \[rad\]: to first order the rotation vector from reference to base, and bounded by 2.
+    /// Twice the vector part of the quaternion of `R_DB`, with the sign of the quaternion for which the real part is
+    /// positive \[rad\]: to first order the rotation vector from reference to base, bounded by 2.
     pub angle: Vector3<f64>,
     /// Angular velocity of the base relative to the reference, base axes \[rad/s\].
     pub rate: Vector3<f64>,
 }
 
 impl AttitudeDeviation {
-    /// Of a base with attitude and angular velocity (base axes).
+    /// Deviation of a base with this attitude and angular velocity (base axes).
     pub fn new(R_WB: &UnitQuaternion<f64>, w_WB_B: &Vector3<f64>, target: &AttitudeTarget) -> Self {
         let R_DB = target.R_WD.inverse() * R_WB;
         Self {
@@ -67,7 +67,7 @@ mod tests {
             };
             assert!((deviation.angle - axis * 2.0 * (0.5 * shorter).sin()).norm() < 1e-15);
             assert!((deviation.turn() - shorter.abs()).abs() < 1e-12);
-            // The reference turns about an axis fixed in D, so not with the base unless they agree.
+            // The reference rotates about an axis fixed in D, thus with the base only if both agree.
             let expected = w - (R_WD.inverse() * R_WB).inverse() * w;
             assert!((deviation.rate - expected).norm() < 1e-15);
         }

@@ -12,7 +12,7 @@ pub enum AttitudeConfigError {
         what: String,
         /// Its value.
         value: f64,
-        /// The range.
+        /// The allowed range.
         expected: &'static str,
     },
     /// The robot lacks a part that the controller needs.

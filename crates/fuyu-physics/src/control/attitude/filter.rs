@@ -19,13 +19,13 @@ pub struct AttitudeFilterConfig {
     pub gyro: GyroErrors,
     /// Standard deviation of each component of the star tracker's error \[rad\].
     pub star_tracker_noise: f64,
-    /// Longest time between two gyro samples that is bridged \[s\]. After a longer one the attitude is unknown until
-    /// the next measurement of the star tracker.
+    /// Longest gap between two gyro samples over which the rate is interpolated \[s\]. After a longer gap the attitude
+    /// is unknown until the next measurement of the star tracker.
     pub longest_gap: f64,
-    /// Largest normalized squared innovation that is accepted. It has three degrees of freedom: above 30 are 1.4e-6 of
-    /// correct measurements.
+    /// Largest accepted normalized squared innovation. It has three degrees of freedom: 1.4e-6 of correct measurements
+    /// exceed 30.
     pub gate: f64,
-    /// After this number of consecutive measurements beyond the gate the filter starts again with the last one.
+    /// Number of consecutive measurements beyond the gate after which the filter restarts with the last one.
     pub restart_after: u32,
 }
 
@@ -61,13 +61,13 @@ impl AttitudeFilterConfig {
 pub struct AttitudeEstimate {
     /// Attitude of the base.
     pub R_WB: UnitQuaternion<f64>,
-    /// Angular velocity of the base, base axes \[rad/s\]: the last gyro sample less the bias.
+    /// Angular velocity of the base, base axes \[rad/s\]: the last gyro sample minus the bias.
     pub w_WB_B: Vector3<f64>,
     /// Bias of the gyro \[rad/s\].
     pub bias: Vector3<f64>,
     /// Covariance of the rotation vector from the estimated to the true attitude, base axes \[rad²\], and of the bias.
     pub covariance: Matrix6<f64>,
-    /// Whether a star tracker has measured the attitude. Otherwise `R_WB` means nothing.
+    /// Whether a star tracker has measured the attitude. Otherwise `R_WB` has no meaning.
     pub attitude_known: bool,
 }
 
@@ -82,17 +82,17 @@ impl AttitudeEstimate {
 /// Result of the processing of a star tracker measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StarTrackerUse {
-    /// It waits for a gyro sample that is not earlier.
+    /// The measurement waits for a gyro sample that is not earlier.
     Waiting,
-    /// It has corrected the estimate.
+    /// The measurement has corrected the estimate.
     Used,
-    /// It set the attitude: the first one, or one after a gap or after many outliers.
+    /// The measurement has set the attitude: the first one, or one after a gap or after many outliers.
     Started,
-    /// It contradicts the estimate and was not used.
+    /// The measurement contradicts the estimate and was not used.
     Outlier,
-    /// It is not newer than the one used before, or older than the history.
+    /// The measurement is not newer than the last one used, or older than the history.
     TooOld,
-    /// It is ahead of the gyro by more than the longest gap: its stamp is wrong.
+    /// The measurement is ahead of the gyro by more than the longest gap: its stamp is wrong.
     TooNew,
 }
 
@@ -101,9 +101,9 @@ pub enum StarTrackerUse {
 /// axes is that of F. L. Markley and J. L. Crassidis, Fundamentals of Spacecraft Attitude Determination and Control,
 /// 2014, section 6.2).
 ///
-/// The gyro is integrated, and the star tracker corrects. A late measurement corrects the estimate of its own time, in
-/// a history of the last [`AttitudeFilter::HISTORY`] gyro samples, from which the gyro is integrated again: latency
-/// costs no accuracy but that of the wait. No call allocates memory.
+/// The gyro is integrated, and the star tracker corrects. A late measurement corrects the estimate at its own time, in
+/// a history of the last [`AttitudeFilter::HISTORY`] gyro samples; the gyro is then integrated again from there. Apart
+/// from the wait, latency therefore costs no accuracy. No call allocates memory.
 #[derive(Debug, Clone)]
 pub struct AttitudeFilter {
     config: AttitudeFilterConfig,
@@ -141,7 +141,7 @@ impl AttitudeFilter {
         &self.config
     }
 
-    /// Forgets everything.
+    /// Discards all measurements.
     pub fn restart(&mut self) {
         self.history.clear();
         self.attitude_known = false;
@@ -166,11 +166,11 @@ impl AttitudeFilter {
         self.last_used
     }
 
-    /// Adds a gyro sample, base axes \[rad/s\]. One with an earlier stamp than the last starts another run; an equal
-    /// stamp is ignored. Returns what became of a measurement of the star tracker that waited for it.
+    /// Adds a gyro sample, base axes \[rad/s\]. An earlier stamp than the last one starts another run; an equal stamp
+    /// is ignored. Returns the result for a star tracker measurement that waited for this sample.
     ///
     /// # Errors
-    /// A value that is not finite; it is not added.
+    /// A value that is not finite; the sample is then not added.
     pub fn add_gyro(
         &mut self,
         stamp: Stamp,
@@ -216,7 +216,7 @@ impl AttitudeFilter {
     /// Adds a measurement of the star tracker at its time of exposure.
     ///
     /// # Errors
-    /// A value that is not finite; it is not added.
+    /// A value that is not finite; the measurement is then not added.
     pub fn add_star_tracker(
         &mut self,
         stamp: Stamp,
@@ -231,7 +231,7 @@ impl AttitudeFilter {
             return Ok(StarTrackerUse::TooNew);
         }
         if newest.is_none_or(|newest| stamp > newest) {
-            // One that came before the gyro may have a wrong stamp, too.
+            // A measurement from before the first gyro sample may also have a wrong stamp.
             let is_wrong = |waiting: Stamp| newest.is_some_and(|n| waiting.seconds_since(n) > gap);
             if self
                 .waiting
@@ -244,7 +244,7 @@ impl AttitudeFilter {
         Ok(self.correct(stamp, R_WB))
     }
 
-    /// The estimate at `now`: that of the newest gyro sample, turned on with its rate. `None` without a gyro sample.
+    /// The estimate at `now`: that at the newest gyro sample, extrapolated with its rate. `None` without a gyro sample.
     pub fn estimate(&self, now: Stamp) -> Option<AttitudeEstimate> {
         let node = self.history.newest()?;
         let w_WB_B = node.w_measured - node.bias;
@@ -260,13 +260,14 @@ impl AttitudeFilter {
         })
     }
 
-    /// Corrects the estimate of the time `stamp`, which is not after the newest gyro sample, and integrates again.
+    /// Corrects the estimate at the time `stamp`, which is not after the newest gyro sample, and integrates again from
+    /// there.
     fn correct(&mut self, stamp: Stamp, R_WB: &UnitQuaternion<f64>) -> StarTrackerUse {
         let at = self.history.place(stamp);
         let Some(at) = at.filter(|_| self.last_used.is_none_or(|last| stamp > last)) else {
             return StarTrackerUse::TooOld;
         };
-        // The measurement is moved to the gyro sample before it.
+        // The measurement is moved to the preceding gyro sample.
         let after = self.history.rate_after(at, stamp);
         let node = self.history.node_mut(at);
         let ahead = stamp.seconds_since(node.stamp);

@@ -15,8 +15,8 @@ pub struct GyroErrors {
     /// Angle random walk: square root of the spectral density of `n_v` \[rad/s^½\]. A standard deviation σ of samples
     /// every T seconds is `σ √T`.
     pub angle_random_walk: f64,
-    /// Rate random walk: square root of the spectral density of `n_u` \[rad/s^³⁄²\]. It stands for what data sheets
-    /// call bias instability.
+    /// Rate random walk: square root of the spectral density of `n_u` \[rad/s^³⁄²\]. It represents the bias instability
+    /// of data sheets.
     pub rate_random_walk: f64,
     /// Standard deviation of each component of the bias at the start \[rad/s\].
     pub initial_bias: f64,
@@ -63,7 +63,7 @@ impl SimulatedGyro {
         self.bias = bias;
     }
 
-    /// What is measured while the base turns with `w_WB_B` \[rad/s\], `interval` \[s\] after the sample before.
+    /// The measured rate for a base that turns with `w_WB_B` \[rad/s\], `interval` \[s\] after the previous sample.
     ///
     /// # Panics
     /// If `interval` is not positive.
@@ -85,7 +85,7 @@ fn normal(random: &mut StdRng) -> Vector3<f64> {
 mod tests {
     use super::*;
 
-    // The integral of the noise grows with the square root of time, whatever the sampling interval; so does the bias.
+    // The integrated noise grows with the square root of time, for any sampling interval; so does the bias.
     #[test]
     fn noise_integrates_to_the_random_walks() {
         let errors = GyroErrors {

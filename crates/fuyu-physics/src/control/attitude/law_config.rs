@@ -1,4 +1,4 @@
-//! Which law, with which settings.
+//! Choice of an attitude law, with its settings.
 
 use super::{
     AttitudeConfigError, AttitudeLaw, AttitudePlant, DoubleLoopConfig, DoubleLoopLaw, Dvdfb, Lqr,
@@ -12,7 +12,7 @@ pub enum AttitudeLawConfig {
     Dvdfb(Dvdfb),
     /// Linear-quadratic regulator for the rigid robot.
     Lqr(LqrWeights),
-    /// Rate feedback inside of an H-infinity loop.
+    /// Rate feedback inside an H-infinity loop.
     DoubleLoop(DoubleLoopConfig),
 }
 

@@ -10,7 +10,7 @@ use crate::dynamics::flexible::{FlexibleSystem, LinearModel};
 /// base to small rotations of the base (base axes) and their rates.
 ///
 /// The translation follows from zero momentum, and the wheels turn freely under their motors, so their axial inertia is
-/// not part of the plant. Sensors and actuators are at the same place, as Kida 1993 section 4.2 requires.
+/// not part of the plant. Sensors and actuators are collocated, as Kida 1993 section 4.2 requires.
 #[derive(Debug, Clone)]
 pub struct AttitudePlant {
     structure: Structure,
@@ -18,7 +18,7 @@ pub struct AttitudePlant {
 }
 
 impl AttitudePlant {
-    /// Of `system` at joint positions `q`.
+    /// The plant of `system` at joint positions `q`.
     ///
     /// # Errors
     /// [`AttitudeConfigError::Design`] for a mass matrix that is not positive definite.
@@ -32,7 +32,7 @@ impl AttitudePlant {
         let part = |rows: &[usize], columns: &[usize]| {
             linear.mass.select_rows(rows).select_columns(columns)
         };
-        // A wheel's own momentum about its axis is changed by its motor only.
+        // Only the motor changes a wheel's own momentum about its axis.
         let coupling = part(&kept, &wheels);
         let mut mass = part(&kept, &kept);
         for (w, column) in coupling.column_iter().enumerate() {
@@ -59,18 +59,18 @@ impl AttitudePlant {
         })
     }
 
-    /// In second-order form: three rotations, then the modes.
+    /// The plant in second-order form: three rotations, then the modes.
     pub fn structure(&self) -> &Structure {
         &self.structure
     }
 
-    /// From torque \[N m\] to rotation \[rad\] and rate \[rad/s\], six outputs.
+    /// The plant in state-space form: from torque \[N m\] to rotation \[rad\] and rate \[rad/s\], six outputs.
     pub fn system(&self) -> &StateSpace {
         &self.system
     }
 
-    /// Inertia of the locked, undeformed robot that a torque on the base meets while the base is free to move
-    /// \[kg m²\]: `θ'' = inertia⁻¹ τ`.
+    /// Inertia against a torque on the locked, undeformed robot's base, which is free to move \[kg m²\]: `θ'' =
+    /// inertia⁻¹ τ`.
     pub fn inertia(&self) -> Matrix3<f64> {
         self.structure.mass().fixed_view::<3, 3>(0, 0).into_owned()
     }
@@ -104,8 +104,8 @@ impl AttitudePlant {
             .map_err(AttitudeConfigError::design("closed loop of the attitude"))
     }
 
-    /// Spectral radius of the sampled closed loop: torques are held for `period` \[s\] and act `delay` \[s\] late. It
-    /// is stable below 1.
+    /// Spectral radius of the sampled closed loop, in which torques are held for `period` \[s\] and act `delay` \[s\]
+    /// late. The loop is stable if it is below 1.
     ///
     /// # Errors
     /// [`AttitudeConfigError::Design`] for a period or delay out of its range.

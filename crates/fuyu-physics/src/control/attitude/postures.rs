@@ -1,11 +1,12 @@
-//! Postures for which a law is designed and its stability is evaluated.
+//! Postures for the design of a law and for the evaluation of its stability.
 
 use nalgebra::DVector;
 
 use crate::model::{JointLimits, Model};
 
-/// `count` postures spread evenly over the ranges of the joints: points of the Halton sequence (J. H. Halton, Numer. Math.
-/// 2, 1960), which are the same in every run. A joint without limits, or with a range beyond a turn, has -π to π.
+/// `count` postures spread evenly over the ranges of the joints: points of the Halton sequence (J. H. Halton, Numer.
+/// Math. 2, 1960), the same in every run. The range of a joint without limits, or with a range beyond a turn, is -π to
+/// π.
 ///
 /// The sequence uses the first 16 primes; further joints repeat them.
 pub fn spread_postures(model: &Model, count: usize) -> Vec<DVector<f64>> {
@@ -30,7 +31,7 @@ fn range(limits: &JointLimits) -> [f64; 2] {
     }
 }
 
-/// The digits of `k` in this base, mirrored at the point: between 0 and 1.
+/// Radical inverse: the digits of `k` in this base, mirrored at the point; between 0 and 1.
 fn radical_inverse(mut k: usize, base: usize) -> f64 {
     let (mut value, mut digit) = (0.0, 1.0 / base as f64);
     while k > 0 {

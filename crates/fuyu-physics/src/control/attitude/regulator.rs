@@ -1,4 +1,4 @@
-//! From the estimated attitude to wheel torques and thruster on-times.
+//! The regulator: from the estimated attitude to wheel torques and thruster on-times.
 
 use nalgebra::Vector3;
 
@@ -13,24 +13,25 @@ use crate::dynamics::flexible::FlexibleSystem;
 /// Settings of an [`AttitudeRegulator`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RegulatorConfig {
-    /// Control period: torques are held so long \[s\].
+    /// Control period, for which torques are held \[s\].
     pub period: f64,
-    /// Whether the wheels take the arm's momentum ([`ArmMomentum`]).
+    /// Whether the wheels balance the arm's momentum ([`ArmMomentum`]).
     pub feed_forward: bool,
-    /// Whether the torque `w x h` that a turning base needs to carry the momentum h of its wheels is added. It does no
-    /// work on the base.
+    /// Whether the torque `w x h` is added that a turning base needs to carry the momentum h of its wheels. This torque
+    /// does no work on the base.
     pub gyroscopic: bool,
     /// Desaturation of the wheels, for robots with thrusters; `None` for never.
     pub unloading: Option<UnloadingConfig>,
     /// Time constant with which the momenta of more than three wheels are equalised \[s\].
     pub equalization_time: f64,
-    /// Time constant of the bumpless transfer \[s\]: the difference in the torque that a change of law makes decays with
-    /// it. With zero the torque jumps. While it decays it turns the base, by its integral over the gain on the rate.
+    /// Time constant of the bumpless transfer \[s\], with which the torque difference of a change of law decays; with
+    /// zero the torque jumps. While the difference decays it turns the base, by its integral divided by the gain on the
+    /// rate.
     pub bumpless_transfer_time: f64,
 }
 
 impl RegulatorConfig {
-    /// With feed-forward, gyroscopic torque and desaturation.
+    /// Settings with feed-forward, gyroscopic torque and desaturation.
     pub fn new(period: f64) -> Self {
         Self {
             period,
@@ -50,7 +51,7 @@ pub struct RegulatorInput<'a> {
     pub deviation: AttitudeDeviation,
     /// Angular velocity of the base, base axes \[rad/s\].
     pub w_WB_B: Vector3<f64>,
-    /// Speeds of the wheels relative to the base \[rad/s\]. Without them momentum limits are not known, and the wheels
+    /// Speeds of the wheels relative to the base \[rad/s\]. Without them momentum limits are unknown, and the wheels
     /// are not unloaded.
     pub wheel_speeds: Option<&'a [f64]>,
     /// Motion of the arm; without it there is no feed-forward.
@@ -60,11 +61,11 @@ pub struct RegulatorInput<'a> {
 /// Result of a step of an [`AttitudeRegulator`]. Torques act on the base, base axes \[N m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RegulatorReport {
-    /// Of the law, with what remains of a bumpless transfer.
+    /// Torque of the law, including the remainder of a bumpless transfer.
     pub law: Vector3<f64>,
-    /// For the motion of the arm.
+    /// Torque for the motion of the arm.
     pub feed_forward: Vector3<f64>,
-    /// For the momentum of the wheels.
+    /// Torque for the momentum of the wheels.
     pub gyroscopic: Vector3<f64>,
     /// Torque of the wheels.
     pub wheels: WheelAllocation,
@@ -72,16 +73,16 @@ pub struct RegulatorReport {
     pub thrusters: Option<ThrusterAllocation>,
     /// Angular momentum of the wheels, base axes \[N m s\], if their speeds are known.
     pub wheel_momentum: Option<Vector3<f64>>,
-    /// Largest share of its momentum limit that a wheel has, if the speeds are known.
+    /// Largest momentum of a wheel as a fraction of its limit, if the speeds are known.
     pub wheel_load: Option<f64>,
     /// Whether thrusters unload the wheels.
     pub is_unloading: bool,
 }
 
-/// Bumpless transfer: the difference in the torque that a change of law makes, and its decay.
+/// Bumpless transfer: the torque difference of a change of law, and its decay.
 ///
 /// The torque `d exp(-t/T)` is added to that of the new law, so the torque is continuous. It is bounded and its integral
-/// is finite, so a law that is stable stays so: with direct feedback of rate gain D, the energy of Kida 1993 Theorem 4.1
+/// is finite, so a stable law remains stable: with direct feedback of rate gain D, the energy of Kida 1993 Theorem 4.1
 /// grows by `T |d|² / 8 d_min` at most, where `d_min` is the smallest eigenvalue of D.
 #[derive(Debug, Clone, Copy, Default)]
 struct Transfer {
@@ -94,7 +95,7 @@ struct Transfer {
 }
 
 impl Transfer {
-    /// The torque to give where the law in force gives `torque`; `decay` is the factor for one period.
+    /// The torque to apply if the present law gives `torque`; `decay` is the factor for one period.
     fn apply(&mut self, torque: Vector3<f64>, decay: f64) -> Vector3<f64> {
         self.difference = match (std::mem::take(&mut self.changed), self.last) {
             (true, Some(last)) if decay > 0.0 => last - torque,
@@ -124,7 +125,7 @@ impl AttitudeRegulator {
     ///
     /// # Errors
     /// [`AttitudeConfigError`] for a setting out of its range, and as [`WheelAllocator::new`] and
-    /// [`ThrusterAllocator::new`]. Thrusters are only looked at if they are to unload the wheels.
+    /// [`ThrusterAllocator::new`]. Thrusters are only checked if they are to unload the wheels.
     pub fn new(
         system: &FlexibleSystem,
         law: Box<dyn AttitudeLaw>,
@@ -187,7 +188,7 @@ impl AttitudeRegulator {
             .map_or(&[], ThrusterAllocator::on_times)
     }
 
-    /// Forgets the past: the next step belongs to another run.
+    /// Discards the past: the next step belongs to another run.
     pub fn reset(&mut self) {
         self.law.reset();
         self.transfer = Transfer::default();
@@ -240,7 +241,7 @@ impl AttitudeRegulator {
             _ => Vector3::zeros(),
         };
         let thrusters = self.unload(wheel_load, wheel_momentum);
-        // What thrusters give, the wheels must take.
+        // The wheels must absorb the momentum that the thrusters change.
         let external = thrusters.map_or_else(Vector3::zeros, |given| given.torque);
         let wanted = law + feed_forward + gyroscopic - external;
         let wheels = self.wheels.allocate(&wanted, input.wheel_speeds, period);

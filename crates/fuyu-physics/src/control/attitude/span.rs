@@ -2,11 +2,11 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Eigenvalues of `A Aᵀ` above this count as torque about an axis, for columns of A of the size 1.
+/// Eigenvalues of `A Aᵀ` above this count as torque about an axis, for columns of A of length near 1.
 pub const SPAN: f64 = 1e-9;
 
-/// Solution of `gram x = right` of least norm for a positive semidefinite `gram`, without the part of `right` outside
-/// of its range.
+/// Least-norm solution of `gram x = right` for a positive semidefinite `gram`, ignoring the part of `right` outside its
+/// range.
 pub fn solve_within_span(gram: &Matrix3<f64>, right: &Vector3<f64>) -> Vector3<f64> {
     let eigen = gram.symmetric_eigen();
     let axes = eigen

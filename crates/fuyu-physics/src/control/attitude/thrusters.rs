@@ -1,4 +1,4 @@
-//! Which thruster fires for how long.
+//! Allocation of a torque to thruster on-times.
 
 mod nnls;
 
@@ -10,23 +10,23 @@ use super::span::solve_within_span;
 use crate::dynamics::flexible::FlexibleSystem;
 use nnls::{Column, NonNegative, ROWS};
 
-/// Result of the thrusters in a period.
+/// Torque and force of the thrusters in a period.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ThrusterAllocation {
     /// Mean torque about the centre of mass over the period, base axes \[N m\].
     pub torque: Vector3<f64>,
     /// Mean force over the period, base axes \[N\].
     pub force: Vector3<f64>,
-    /// Whether less than asked for is given because a thruster would have to fire longer than the period.
+    /// Whether less than the requested torque is given because a thruster would have to fire longer than the period.
     pub saturated: bool,
 }
 
 /// Turns a torque about the centre of mass into on-times within a control period (pulse width modulation).
 ///
 /// Non-negative least squares (C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974, chapter 23) for the
-/// torque's impulse, then, with small weights, for no net force and little propellant. On-times shorter than half of a
-/// thruster's shortest are left out, others last the shortest at least; the impulse that is missing or too much is part
-/// of the next period's.
+/// torque's impulse and, with small weights, for no net force and little propellant. On-times shorter than half of a
+/// thruster's shortest on-time are omitted, other short ones are lengthened to it; the resulting error of the impulse is
+/// corrected in the next period.
 #[derive(Debug, Clone)]
 pub struct ThrusterAllocator {
     thrusters: Vec<Mounted>,
@@ -51,7 +51,7 @@ const FORCE_WEIGHT: f64 = 1e-2;
 const PROPELLANT_WEIGHT: f64 = 1e-4;
 
 impl ThrusterAllocator {
-    /// For the thrusters of `system`, with a control period of `period` \[s\]; `None` if it has none.
+    /// An allocator for the thrusters of `system`, with a control period of `period` \[s\]; `None` if it has none.
     ///
     /// # Errors
     /// [`AttitudeConfigError`] for thrusters that are not on the base, that cannot give a torque in every direction, or
@@ -161,7 +161,7 @@ impl ThrusterAllocator {
         (angular, linear)
     }
 
-    /// Solves for the on-times without limits; false if there are none.
+    /// Solves for the on-times without limits; false if no on-times give the impulse.
     fn wanted_on_times(&mut self, impulse: &Vector3<f64>, p_BC: &Vector3<f64>) -> bool {
         let (mut torque_size, mut force_size) = (0.0_f64, 0.0_f64);
         for thruster in &self.thrusters {
@@ -196,7 +196,8 @@ impl ThrusterAllocator {
         true
     }
 
-    /// Removes what the small weights cost of the torque, by the smallest change of the times of those that fire.
+    /// Removes the torque error due to the small weights, by the smallest change of the on-times of the firing
+    /// thrusters.
     fn meet_torque(&mut self, direction: &Vector3<f64>) {
         let torque_of = |column: &Column| column.fixed_rows::<3>(0).into_owned();
         let (mut gram, mut missing) = (Matrix3::zeros(), *direction);

@@ -1,4 +1,4 @@
-//! When and how fast thrusters take momentum from the wheels.
+//! Unloading: start, end and rate of the desaturation of the wheels by thrusters.
 
 use nalgebra::Vector3;
 
@@ -8,11 +8,11 @@ use super::error::{require, require_positive};
 /// Desaturation of the wheels by thrusters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnloadingConfig {
-    /// It starts when a wheel has this share of its momentum limit, up to 1.
+    /// Unloading starts when a wheel reaches this fraction of its momentum limit, up to 1.
     pub start: f64,
-    /// It ends when all wheels have less than this share, below `start`.
+    /// Unloading ends when all wheels are below this fraction, which is less than `start`.
     pub stop: f64,
-    /// Time constant of the momentum \[s\].
+    /// Time constant with which the momentum decays \[s\].
     pub time: f64,
 }
 
@@ -54,7 +54,7 @@ pub struct Unloading {
 }
 
 impl Unloading {
-    /// Not active.
+    /// Inactive unloading.
     ///
     /// # Errors
     /// As [`UnloadingConfig::check`].
@@ -66,18 +66,18 @@ impl Unloading {
         })
     }
 
-    /// Whether it is active.
+    /// Whether the wheels are being unloaded.
     pub fn is_active(&self) -> bool {
         self.is_active
     }
 
-    /// Ends it.
+    /// Ends the unloading.
     pub fn reset(&mut self) {
         self.is_active = false;
     }
 
-    /// External torque wanted, base axes \[N m\], if the wheels are to be unloaded. `load` is the largest share that a
-    /// wheel has of its limit, `momentum` that of all wheels, base axes \[N m s\].
+    /// Requested external torque, base axes \[N m\], if the wheels are to be unloaded. `load` is the largest momentum
+    /// of a wheel as a fraction of its limit, `momentum` that of all wheels, base axes \[N m s\].
     pub fn torque(&mut self, load: f64, momentum: &Vector3<f64>) -> Option<Vector3<f64>> {
         if load >= self.config.start {
             self.is_active = true;

@@ -1,4 +1,4 @@
-//! Which wheel gives which torque.
+//! Allocation of a torque to reaction wheels.
 
 use nalgebra::{DVector, Matrix3, Matrix3xX, MatrixXx3, Vector3};
 
@@ -7,20 +7,20 @@ use super::error::require_positive;
 use super::span::{SPAN, solve_within_span};
 use crate::dynamics::flexible::{FlexibleSystem, Wheel};
 
-/// The share of a requested torque that the wheels give.
+/// Torque that the wheels give.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WheelAllocation {
     /// Torque of the wheels on the base, base axes \[N m\].
     pub torque: Vector3<f64>,
-    /// How many wheels are at a limit of torque, momentum or speed.
+    /// Number of wheels at a limit of torque, momentum or speed.
     pub saturated: usize,
 }
 
 /// Divides a torque on the base among three or more reaction wheels.
 ///
-/// The torques have the smallest sum of squares that gives the torque. What a wheel at its limit cannot give the others
-/// take over as far as they can (redistributed pseudo-inverse). With more than three wheels, torques that cancel each
-/// other move the momenta towards those with the smallest sum of squares, with what the limits leave.
+/// The motor torques have the least sum of squares. The part that a wheel at its limit cannot give is redistributed to
+/// the others (redistributed pseudo-inverse). With more than three wheels, torques that cancel each other move the
+/// momenta towards those with the least sum of squares, as far as the limits allow.
 #[derive(Debug, Clone)]
 pub struct WheelAllocator {
     wheels: Vec<Wheel>,
@@ -37,7 +37,7 @@ pub struct WheelAllocator {
 }
 
 impl WheelAllocator {
-    /// For the wheels of `system`. Momenta are equalised with the time constant `equalization_time` \[s\].
+    /// An allocator for the wheels of `system`. Momenta are equalised with the time constant `equalization_time` \[s\].
     ///
     /// # Errors
     /// [`AttitudeConfigError`] for wheels that are not all on the base, whose axes do not span space, or a time that is
@@ -122,7 +122,7 @@ impl WheelAllocator {
             .sum()
     }
 
-    /// Largest share of its momentum limit that a wheel with these speeds has; zero without limits.
+    /// Largest momentum of a wheel as a fraction of its limit, at these speeds; zero without limits.
     pub fn largest_load(&self, speeds: &[f64]) -> f64 {
         let loads = self.wheels.iter().zip(speeds);
         loads.fold(0.0, |most, (wheel, speed)| {
@@ -130,8 +130,8 @@ impl WheelAllocator {
         })
     }
 
-    /// Motor torques that give `torque` on the base (base axes) for `period` \[s\], within the limits that hold at
-    /// `speeds` \[rad/s\]; without speeds, within the torque limits.
+    /// Motor torques that give `torque` on the base (base axes) for `period` \[s\], within the limits at `speeds`
+    /// \[rad/s\]; without speeds, within the torque limits only.
     ///
     /// # Panics
     /// If there is not one speed per wheel.
@@ -142,7 +142,7 @@ impl WheelAllocator {
         period: f64,
     ) -> WheelAllocation {
         self.set_bounds(speeds, period);
-        // A motor pushes its wheel one way and the base the other.
+        // A motor accelerates its wheel one way and the base the other way.
         self.torques.gemv(-1.0, &self.inverse, torque, 0.0);
         self.redistribute(torque);
         if let Some(speeds) = speeds
@@ -156,8 +156,8 @@ impl WheelAllocator {
         }
     }
 
-    /// Motor torques that give `bias` and the largest part, up to all, of `torque` on the base (base axes), within the limits
-    /// that hold for `period` \[s\] at `speeds` \[rad/s\]. Returns that part; `None`, with zero torques, where no part keeps
+    /// Motor torques that give `bias` and the largest part, up to all, of `torque` on the base (base axes), within the
+    /// limits for `period` \[s\] at `speeds` \[rad/s\]. Returns that part; `None`, with zero torques, if no part is
     /// within the limits.
     ///
     /// # Panics
@@ -171,7 +171,7 @@ impl WheelAllocator {
     ) -> Option<f64> {
         self.set_bounds(Some(speeds), period);
         self.torques.gemv(-1.0, &self.inverse, bias, 0.0);
-        // As scratch.
+        // Used as scratch.
         self.balancing.gemv(-1.0, &self.inverse, torque, 0.0);
         let (mut least, mut most) = (0.0_f64, 1.0_f64);
         for i in 0..self.wheels.len() {
@@ -196,7 +196,7 @@ impl WheelAllocator {
         Some(most)
     }
 
-    /// Sets the bounds of the motor torques that hold for `period` \[s\].
+    /// Sets the bounds of the motor torques for `period` \[s\].
     fn set_bounds(&mut self, speeds: Option<&[f64]>, period: f64) {
         if let Some(speeds) = speeds {
             assert_eq!(speeds.len(), self.wheels.len(), "one speed per wheel");
@@ -214,7 +214,7 @@ impl WheelAllocator {
         }
     }
 
-    /// Brings the torques within their bounds, and lets wheels within their bounds take over what is missing.
+    /// Clips the torques to their bounds, and redistributes the missing torque to wheels within their bounds.
     fn redistribute(&mut self, torque: &Vector3<f64>) {
         for _ in 0..self.wheels.len() {
             let mut changed = false;
@@ -291,7 +291,7 @@ mod tests {
         let given = allocator.allocate(&wanted, None, 0.1);
         assert!((given.torque - wanted).norm() < 1e-14);
         assert_eq!(given.saturated, 0);
-        // Of a pyramid the only torques that cancel are those of opposite sign in neighbours.
+        // The only torques of a pyramid that cancel have opposite signs in neighbouring wheels.
         let null = [1.0, -1.0, 1.0, -1.0];
         let along: f64 = null
             .iter()
@@ -319,7 +319,7 @@ mod tests {
         assert!((given.torque - Vector3::z() * 4.0 / 2f64.sqrt()).norm() < 1e-14);
     }
 
-    // Orthogonal wheels do not know of each other: each is limited for itself, exactly.
+    // Orthogonal wheels are independent: each is limited exactly and separately.
     #[test]
     fn orthogonal_wheels_are_limited_one_by_one() {
         let system = system(
@@ -334,7 +334,8 @@ mod tests {
         assert_eq!(allocator.at_limit(), [true, false, true]);
     }
 
-    // A wheel at its momentum limit takes no more, but gives back; near the limit it takes what is left of it.
+    // A wheel at its momentum limit takes no more momentum, but gives it back; near the limit it takes the remaining
+    // part.
     #[test]
     fn momentum_limits_bound_the_torques() {
         let system = system(

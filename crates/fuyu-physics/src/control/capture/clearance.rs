@@ -15,7 +15,7 @@ pub struct ClearanceConfig {
     pub base_radius: f64,
     /// Radius of the sphere around the target's centre of mass that nothing may enter before the final approach \[m\].
     pub keep_out: f64,
-    /// Least distance between shapes of the robot \[m\].
+    /// Least distance between parts of the robot \[m\].
     pub margin: f64,
 }
 
@@ -33,10 +33,10 @@ impl Default for ClearanceConfig {
 /// A link's axis, or the stroke of a prismatic joint.
 #[derive(Debug, Clone)]
 struct Capsule {
-    /// Frame of a body and a point in it, of either end.
+    /// For either end, the frame of a body and a point in that frame.
     from: (Frame, Vector3<f64>),
     to: (Frame, Vector3<f64>),
-    /// The body that it belongs to; a stroke belongs to the one that slides.
+    /// Body of the capsule; a stroke belongs to the sliding body.
     body: usize,
 }
 
@@ -47,23 +47,23 @@ pub struct Clearance {
     capsules: Vec<Capsule>,
     /// Capsules that are more than a joint away from the base.
     off_base: Vec<bool>,
-    /// Capsules whose distance counts: those with more than two joints between their bodies. Neighbours touch; those next
-    /// to them would overlap where a link between is shorter than wide.
+    /// Pairs of capsules that are checked: those with more than two joints between their bodies. Neighbours touch, and
+    /// the next but one would overlap where the link between them is shorter than wide.
     pairs: Vec<(usize, usize)>,
     base: Vector3<f64>,
 }
 
-/// Distances that are left \[m\]; negative where shapes overlap, infinite where there is nothing.
+/// Remaining distances \[m\]; negative where shapes overlap, infinite without shapes to compare.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Distances {
     /// Between the arm and the keep-out sphere.
     pub keep_out: f64,
-    /// Between parts of the robot that are not neighbours.
+    /// Between parts of the robot that are not near neighbours.
     pub own: f64,
 }
 
 impl Distances {
-    /// The smaller of each.
+    /// The smaller of each distance.
     #[must_use]
     pub fn least(self, other: Self) -> Self {
         Self {

@@ -1,10 +1,10 @@
-//! Detumbling: a couple that takes the angular momentum of robot and target, within the limits of thrusters, wheels
+//! Detumbling: a couple that reduces the angular momentum of robot and target, within the limits of thrusters, wheels
 //! and grasp.
 //!
 //! The couple opposes the angular momentum about the common centre of mass (closed forms in
-//! [`control::detumbling`](crate::control::detumbling)). Wheels take their share first, as far as torque and capacity
-//! reach, since they need no propellant; thrusters give the rest. The whole is made smaller until the wrench that
-//! it causes at the grasp is within its limits: that wrench is linear in the couple.
+//! [`control::detumbling`](crate::control::detumbling)). Wheels take their part first, as far as torque and capacity
+//! allow, since they need no propellant; thrusters give the rest. The whole couple is reduced until the resulting wrench at
+//! the grasp is within its limits: that wrench is linear in the couple.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -18,7 +18,7 @@ pub struct DetumbleLimits {
     pub couple: f64,
     /// Largest force at the grasp \[N\].
     pub grasp_force: f64,
-    /// Largest torque there \[N m\].
+    /// Largest torque at the grasp \[N m\].
     pub grasp_torque: f64,
 }
 
@@ -32,24 +32,24 @@ impl Default for DetumbleLimits {
     }
 }
 
-/// A couple, divided by actuators; base axes \[N m\].
+/// A couple, divided between the actuators; base axes \[N m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SharedCouple {
-    /// By thrusters: it removes momentum from the whole.
+    /// Couple of the thrusters: it removes momentum from robot and target.
     pub thrusters: Vector3<f64>,
-    /// By wheels: it moves momentum into them. Their motors give this and the couple `ω × h` by which the base carries
-    /// their momentum around.
+    /// Couple of the wheels: it moves momentum into them. Their motors give this couple plus the couple `ω × h` that
+    /// turns their momentum with the base.
     pub wheels: Vector3<f64>,
-    /// Which part of the couple asked for this is, because of the limits at the grasp.
+    /// Fraction of the requested couple that the limits at the grasp allow.
     pub scale: f64,
-    /// The wrench on the target at the grasp that follows, base axes.
+    /// Resulting wrench on the target at the grasp, base axes.
     pub grasp: Wrench,
 }
 
-/// Robot and target as one body at one time; base axes.
+/// Robot and target as one rigid body at one time; base axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stack {
-    /// Inertia of everything about the common centre of mass \[kg m²\].
+    /// Inertia of robot and target about the common centre of mass \[kg m²\].
     pub inertia: Matrix3<f64>,
     /// The common centre of mass \[m\].
     pub com: Vector3<f64>,
@@ -60,8 +60,8 @@ pub struct Stack {
 }
 
 impl Stack {
-    /// The wrench on the target at the grasp while the stack turns at `w` \[rad/s\] and a `couple` \[N m\] acts on the
-    /// base, as of one rigid body.
+    /// The wrench on the target at the grasp while the stack rotates at `w` \[rad/s\] as one rigid body and a `couple`
+    /// \[N m\] acts on the base.
     pub fn grasp_wrench(&self, w: &Vector3<f64>, couple: &Vector3<f64>) -> Wrench {
         let inverse = self.inertia.try_inverse().unwrap_or_else(Matrix3::zeros);
         let alpha = inverse * (couple - w.cross(&(self.inertia * w)));
@@ -73,8 +73,8 @@ impl Stack {
         Wrench::new(torque, force)
     }
 
-    /// The largest part of `couple`, up to 1, with which the wrench at the grasp is within limits; zero if the rotation
-    /// alone exceeds them and no couple helps.
+    /// The largest fraction of `couple`, up to 1, for which the wrench at the grasp is within limits; zero if the
+    /// rotation alone exceeds them and no couple helps.
     pub fn grasp_scale(
         &self,
         w: &Vector3<f64>,
@@ -94,8 +94,8 @@ impl Stack {
     }
 }
 
-/// The largest `s` up to 1 with `|a + s (b - a)| <= limit`. Where `a` is beyond the limit already, the `s` that comes
-/// closest to it.
+/// The largest `s` up to 1 with `|a + s (b - a)| <= limit`. If `a` is beyond the limit, the `s` that comes closest to
+/// it.
 fn largest_part(a: &Vector3<f64>, b: &Vector3<f64>, limit: f64) -> f64 {
     if b.norm() <= limit {
         return 1.0;
@@ -113,17 +113,18 @@ fn largest_part(a: &Vector3<f64>, b: &Vector3<f64>, limit: f64) -> f64 {
 /// Time for which the limits of the wheels must hold \[s\]: a few periods of control.
 const WHEEL_PERIOD: f64 = 0.1;
 
-/// Shares the couple that opposes the angular momentum.
+/// Computes the couple that opposes the angular momentum, and divides it between the actuators.
 #[derive(Debug, Clone)]
 pub struct Detumbler {
     limits: DetumbleLimits,
-    /// Time constant of the end, in which the couple is proportional to the momentum \[s\].
+    /// Time constant of the final phase, in which the couple is proportional to the momentum \[s\].
     time_constant: f64,
     wheels: Option<WheelAllocator>,
 }
 
 impl Detumbler {
-    /// With limits; the couple becomes proportional once it would stop the rest within `time_constant` \[s\].
+    /// A detumbler with these limits. The couple becomes proportional to the momentum when a constant one would stop
+    /// the rotation within `time_constant` \[s\].
     pub fn new(limits: DetumbleLimits, time_constant: f64) -> Self {
         Self {
             limits,
@@ -132,7 +133,7 @@ impl Detumbler {
         }
     }
 
-    /// With wheels, which take their share first.
+    /// Adds wheels, which take their part first.
     pub fn with_wheels(mut self, wheels: WheelAllocator) -> Self {
         self.wheels = Some(wheels);
         self
@@ -154,7 +155,7 @@ impl Detumbler {
         }
     }
 
-    /// Motor torques of the wheels \[N m\] of the last couple.
+    /// Motor torques of the wheels for the last couple \[N m\].
     pub fn wheel_torques(&self) -> &[f64] {
         (self.wheels.as_ref()).map_or(&[], WheelAllocator::torques)
     }
@@ -166,8 +167,8 @@ impl Detumbler {
         }
     }
 
-    /// The couple for the stack that turns at `w` (base axes) with the angular momentum `momentum` of its bodies
-    /// without wheels, which turn with `speeds` \[rad/s\].
+    /// The couple for a stack that rotates at `w` (base axes), with angular momentum `momentum` of its bodies without
+    /// wheels, and wheel speeds `speeds` \[rad/s\].
     ///
     /// # Panics
     /// If there is not one speed per wheel.
@@ -211,7 +212,7 @@ impl Detumbler {
             return 0.0;
         };
         let axes = wheels.axes().column_iter().zip(wheels.wheels());
-        // Not NaN for a wheel without limit across the direction.
+        // Avoids NaN for a wheel without limit perpendicular to the direction.
         let along = axes.map(|(axis, wheel)| match axis.dot(direction).abs() {
             0.0 => 0.0,
             along => along * wheel.max_torque,
@@ -219,10 +220,10 @@ impl Detumbler {
         along.sum()
     }
 
-    /// What of the couple `asked` wheels can give now: the rate of their momentum is `-τ - ω × h` with `carried` = `ω × h`. The
-    /// part is the largest within the limits of all motors with which no full wheel takes more. Where `-ω × h` alone
-    /// fills a full one and no part is enough against it, the wheels keep their speeds: their couple is then `-ω × h`, not a
-    /// part of `asked`.
+    /// The part of the couple `asked` that wheels can give now: the rate of their momentum is `-τ - ω × h` with
+    /// `carried` = `ω × h`. The part is the largest within the limits of all motors for which no full wheel takes more
+    /// momentum. If `-ω × h` alone fills a full wheel and no part suffices against it, the wheels keep their speeds:
+    /// their couple is then `-ω × h`, not a part of `asked`.
     fn wheel_share(
         &mut self,
         asked: &Vector3<f64>,
@@ -274,13 +275,13 @@ mod tests {
         }
     }
 
-    /// How a run has ended.
+    /// Final state of a run.
     struct Outcome {
         w: Vector3<f64>,
-        /// Momentum of the wheels, base axes and one by one.
+        /// Momentum of the wheels, total in base axes and of each wheel.
         h: Vector3<f64>,
         each: Vec<f64>,
-        /// Of everything, inertial axes.
+        /// Total momentum, inertial axes.
         momentum: Vector3<f64>,
         largest_force: f64,
         largest_motor_torque: f64,
@@ -356,7 +357,7 @@ mod tests {
         assert!(w.norm() < 1e-5, "{w}");
     }
 
-    // Closed form F: wheels move momentum and remove none. Afterwards they have all of it, in the axes of the base.
+    // Closed form F: wheels move momentum and remove none. Afterwards they hold all of it, in the axes of the base.
     #[test]
     fn wheels_take_the_momentum_and_the_whole_keeps_it() {
         let w = Vector3::new(0.01, -0.015, 0.02);
@@ -397,8 +398,8 @@ mod tests {
         }
     }
 
-    // No part of the couple can both stay within the torque about y and unload the full wheel about x, which -ω × h fills:
-    // checks axis by axis let it take 0.14 N m. The other cases have a part, by hand.
+    // No part of the couple can both stay within the torque about y and unload the full wheel about x, which -ω × h
+    // fills: checks of each axis separately would let it take 0.14 N m. The other cases have a part, computed by hand.
     #[test]
     fn a_full_wheel_takes_no_more() {
         let wheels = wheels(&ORTHOGONAL, 1.0, 10.0);
@@ -461,8 +462,8 @@ mod tests {
         assert!((found.torque - about_grasp).norm() < 1e-5);
     }
 
-    // With and without wheels; a couple that was cut only after the wheels' torques were chosen would leave the motors with too
-    // much.
+    // With and without wheels. Fails if the couple is reduced after the wheels' torques have been chosen, which leaves
+    // the motor torques too large.
     #[test]
     fn the_couple_is_cut_to_the_limit_at_the_grasp() {
         let limits = DetumbleLimits {

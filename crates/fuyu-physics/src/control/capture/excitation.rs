@@ -1,4 +1,4 @@
-//! Excitation: joint motions from which the held body's inertia is identified.
+//! Excitation: joint motions for the identification of the held body's inertia.
 
 use std::f64::consts::TAU;
 
@@ -21,8 +21,8 @@ pub struct Excitation {
 const SLOWEST: usize = 1;
 
 impl Excitation {
-    /// From `positions` of the joints at `start` \[s\] for `duration` \[s\], with an amplitude for each joint \[rad or m\];
-    /// joints with zero rest.
+    /// Excitation from joint `positions` at `start` \[s\], for `duration` \[s\], with an amplitude for each joint \[rad
+    /// or m\]; joints with zero amplitude rest.
     pub fn new(start: f64, duration: f64, positions: &[f64], amplitudes: &[f64]) -> Self {
         Self {
             start,
@@ -32,17 +32,17 @@ impl Excitation {
         }
     }
 
-    /// When it begins \[s\].
+    /// Start of the excitation \[s\].
     pub fn start(&self) -> f64 {
         self.start
     }
 
-    /// How long it lasts \[s\].
+    /// Duration of the excitation \[s\].
     pub fn duration(&self) -> f64 {
         self.duration
     }
 
-    /// Largest rate of joint `j` \[rad/s or m/s\], or a little more.
+    /// Upper bound of the rate of joint `j`, only slightly above its largest rate \[rad/s or m/s\].
     pub(super) fn largest_rate(&self, j: usize) -> f64 {
         let k = self.periods(j);
         let w = TAU / self.duration;
@@ -55,12 +55,12 @@ impl Excitation {
         (SLOWEST + moving.filter(|a| **a != 0.0).count()) as f64
     }
 
-    /// When it ends \[s\].
+    /// End of the excitation \[s\].
     pub fn end(&self) -> f64 {
         self.start + self.duration
     }
 
-    /// Joint `j` at `time` \[s\].
+    /// Motion of joint `j` at `time` \[s\].
     pub fn at(&self, j: usize, time: f64) -> JointPoint {
         let t = (time - self.start).clamp(0.0, self.duration);
         let k = self.periods(j);

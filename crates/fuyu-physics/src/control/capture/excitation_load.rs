@@ -1,4 +1,4 @@
-//! How large an excitation may be: the load on the grasp while it moves the held body.
+//! Amplitude of an excitation, limited by the load on the grasp while the arm moves the held body.
 
 use nalgebra::DVector;
 
@@ -7,17 +7,17 @@ use crate::dynamics::{Input, State, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::RigidInertia;
 
-/// Times at which the load is computed.
+/// Number of times at which the load is computed.
 const SAMPLES: usize = 300;
-/// Share of the limits at the grasp that an excitation uses.
+/// Fraction of the limits at the grasp that an excitation uses.
 const LOAD_SHARE: f64 = 0.8;
 /// Largest factor on the configured amplitudes.
 const LARGEST_FACTOR: f64 = 2.0;
-/// Share of the way to a joint's limits, and of its velocity limit, that an excitation uses.
+/// Fraction of the distance to a joint's limits, and of its velocity limit, that an excitation uses.
 const JOINT_SHARE: f64 = 0.8;
 
-/// Largest force \[N\] and torque about the tip's origin \[N m\] of the arm on `payload` in an excitation from rest. `whole` is
-/// the workspace of the robot with the payload at its tip; nothing outside acts and the momentum is zero.
+/// Largest force \[N\] and torque about the tip's origin \[N m\] of the arm on `payload` in an excitation from rest.
+/// `whole` is the workspace of the robot with the payload at its tip; no external force acts and the momentum is zero.
 pub(super) fn excitation_load(
     whole: &mut Workspace,
     tip: &Frame,
@@ -81,7 +81,7 @@ pub(super) fn sized(
             }
         }
     }
-    // Forces grow with the amplitude, and by their centrifugal part a little faster: a few corrections suffice.
+    // Forces grow slightly faster than the amplitude, because of centrifugal forces: a few corrections suffice.
     let largest = factor;
     for _ in 0..6 {
         let (force, torque) = excitation_load(whole, tip, payload, &of(factor));
@@ -116,9 +116,9 @@ mod tests {
         (model, tip, payload, positions)
     }
 
-    // Fails if the acceleration of the base, or a centrifugal part, is left out: the payload's centre of mass relative to the
-    // system's is a function of the joints, and the base turns by the conservation of momentum. Both are differentiated
-    // numerically.
+    // Fails if the acceleration of the base, or a centrifugal part, is left out: the payload's centre of mass relative
+    // to the system's is a function of the joints, and the base turns by the conservation of momentum. Both are
+    // differentiated numerically.
     #[test]
     fn the_force_accelerates_the_centre_of_mass() {
         let (model, tip, payload, positions) = case();
@@ -169,7 +169,7 @@ mod tests {
             let (force, torque) = excitation_load(&mut whole, &tip, &payload, &excitation);
             let used = (force / limits.0).max(torque / limits.1);
             match share {
-                // The joints' limits, or the largest factor, are what counts.
+                // The joints' limits, or the largest factor, limit the amplitude.
                 0.0 => assert!(used < 0.1, "{used}"),
                 share => assert!((used / share - 1.0).abs() < 0.011, "{used}"),
             }

@@ -1,4 +1,4 @@
-//! Checks of a rendezvous: limits of the joints, distances, and whether the arm can go on to follow the target.
+//! Checks of a rendezvous: limits of the joints, distances, and whether the arm can continue to follow the target.
 
 use nalgebra::{DVector, UnitQuaternion};
 
@@ -11,8 +11,9 @@ use super::tip_mobility::effective_mass;
 use crate::control::commander::JointPoint;
 
 impl RendezvousPlanner {
-    /// Checks that the tip can go on to follow `goals`, frames at later times \[s\]: that the arm reaches them from one to the
-    /// next, not faster than its limits and clear of singular postures. The base is where it is at the arrival.
+    /// Checks that the tip can continue to follow `goals`, frames at later times \[s\]: that the arm reaches them one
+    /// after the other within its rate limits and clear of singular postures. The base is assumed to stay where it is
+    /// at the arrival.
     ///
     /// # Errors
     /// [`PlanError`].
@@ -73,7 +74,7 @@ impl RendezvousPlanner {
         }
     }
 
-    /// The plan, if it respects the limits and leaves `reserve` of them.
+    /// The plan, if it respects the limits with `reserve` to spare.
     pub(super) fn checked(
         &mut self,
         task: &Rendezvous,
@@ -129,7 +130,7 @@ impl RendezvousPlanner {
         })
     }
 
-    /// Checks positions, rates, accelerations and efforts of the joints after a piece of the path.
+    /// Checks positions, rates, accelerations and efforts of the joints at the end of a piece of the path.
     pub(super) fn check_joints(
         &mut self,
         task: &Rendezvous,

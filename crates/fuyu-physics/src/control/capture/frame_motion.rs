@@ -4,7 +4,7 @@ use nalgebra::{Rotation3, Translation3, Vector3};
 
 use crate::spatial::{Pose, Twist};
 
-/// Motion of a frame at one time: pose, twist of its origin and rate of change of that, axes of I.
+/// Motion of a frame at one time: pose, twist of its origin and rate of change of the twist, axes of I.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrameMotion {
     /// Pose in I.
@@ -16,7 +16,7 @@ pub struct FrameMotion {
 }
 
 impl FrameMotion {
-    /// The same of another frame fixed to the same body, at `X_FG`.
+    /// The motion of another frame fixed to the same body, at `X_FG`.
     #[must_use]
     pub fn of_fixed(&self, X_FG: &Pose) -> Self {
         let r = self.X.rotation * X_FG.translation.vector;
@@ -31,8 +31,8 @@ impl FrameMotion {
         }
     }
 
-    /// The motion of a frame with the same axes whose origin is at `offset` in this one and moves there with `rate` and
-    /// `acceleration`.
+    /// The motion of a frame with the same axes, whose origin is at `offset` in this frame and moves in it with `rate`
+    /// and `acceleration`.
     #[must_use]
     pub fn with_offset(
         &self,

@@ -1,14 +1,13 @@
-//! Whether a gripper holds something, from the joint that moves its fingers.
+//! Detection whether a gripper holds something, from the joint that moves its fingers.
 
-/// Share of the stroke near its closed end at which nothing can be between the fingers.
+/// Fraction of the stroke near its closed end in which no object can be between the fingers.
 const CLOSED: f64 = 0.03;
-/// Share of the stroke that the fingers must have moved before a standstill means anything.
+/// Fraction of the stroke that the fingers must have moved before a standstill is evaluated.
 const BEGUN: f64 = 0.03;
 /// Rate below which the fingers stand still, in strokes per second.
 const SLOW: f64 = 0.01;
 
-/// Watches a gripper that closes: fingers that stop before they are closed hold something; fingers that are closed hold
-/// nothing.
+/// Watches a closing gripper: fingers that stop before they are closed hold something; closed fingers hold nothing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GripWatch {
     open: f64,
@@ -19,8 +18,8 @@ pub struct GripWatch {
 }
 
 impl GripWatch {
-    /// For a joint that moves from `open` to `closed` \[m or rad\], of a gripper that presses with its whole effort `press_time` \[s\]
-    /// after its fingers have been stopped: only then it holds.
+    /// For a joint that moves from `open` to `closed` \[m or rad\], and a gripper that presses with its full effort
+    /// `press_time` \[s\] after its fingers have been stopped: only from then on the object is held.
     pub fn new(open: f64, closed: f64, press_time: f64) -> Self {
         Self {
             open,
@@ -31,13 +30,14 @@ impl GripWatch {
         }
     }
 
-    /// Starts over: the gripper is to close, or has opened.
+    /// Restarts: the gripper is about to close, or has opened.
     pub fn restart(&mut self) {
         self.still_since = None;
         self.holds = None;
     }
 
-    /// Sees position and rate of the joint at `time` \[s\]. Returns whether it holds something, once that is known.
+    /// Takes position and rate of the joint at `time` \[s\]. Returns whether the gripper holds something, once that is
+    /// known.
     pub fn see(&mut self, time: f64, position: f64, rate: f64) -> Option<bool> {
         let stroke = self.closed - self.open;
         let share = (position - self.open) / stroke;
@@ -64,14 +64,14 @@ mod tests {
     #[test]
     fn fingers_that_stop_early_hold_and_closed_ones_do_not() {
         let mut watch = GripWatch::new(0.0, 0.06, 0.5);
-        // They have not moved yet.
+        // The fingers have not moved yet.
         for k in 0..100 {
             assert_eq!(watch.see(0.01 * f64::from(k), 0.0, 0.0), None);
         }
         assert_eq!(watch.see(1.0, 0.01, 0.005), None);
         assert_eq!(watch.see(2.0, 0.02, 0.0), None);
         assert_eq!(watch.see(2.6, 0.02, 0.0), Some(true));
-        // What it held has slipped out.
+        // The held object has slipped out.
         assert_eq!(watch.see(3.0, 0.03, 0.01), Some(true));
         assert_eq!(watch.see(4.0, 0.0595, 0.0), Some(false));
         watch.restart();

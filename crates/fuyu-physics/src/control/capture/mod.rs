@@ -13,7 +13,7 @@
 //! | [`Excitation`] | joint motions from which the target's inertia is identified |
 //! | [`CaptureMission`] | runs the phases; decides when to wait, retreat and abort |
 //!
-//! Nothing here knows the pose of the base in the world. The target is known only by measurements.
+//! No part of this module knows the pose of the base in the world. The target is known only from measurements.
 
 mod clearance;
 mod detumble;

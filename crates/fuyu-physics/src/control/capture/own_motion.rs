@@ -7,8 +7,8 @@ use crate::dynamics::{Momentum, State, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::{Pose, Twist};
 
-/// The robot's motion in I, the frame whose origin is the system's centre of mass and whose axes do not turn: those of
-/// the base at the first sample. It is inertial while nothing outside acts.
+/// The robot's motion in I, the frame at the system's centre of mass with fixed axes: those of the base at the first
+/// sample. I is inertial while no external force acts.
 #[derive(Debug, Clone)]
 pub struct OwnMotion {
     workspace: Workspace,
@@ -19,7 +19,7 @@ pub struct OwnMotion {
 }
 
 impl OwnMotion {
-    /// Without any sample.
+    /// The motion before the first sample.
     pub fn new(model: &Model, tip: &Frame) -> Self {
         Self {
             workspace: Workspace::new(model),
@@ -30,8 +30,8 @@ impl OwnMotion {
         }
     }
 
-    /// Adds a sample: time \[s\], joint positions and rates by the encoders, angular velocity of the base by the gyro
-    /// (base axes, \[rad/s\]). Returns whether I was defined again, because time went back or had a gap.
+    /// Adds a sample: time \[s\], joint positions and rates from the encoders, angular velocity of the base from the
+    /// gyro (base axes, \[rad/s\]). Returns whether I was redefined, because time went back or had a gap.
     ///
     /// # Panics
     /// If `q` and `qd` do not fit the robot.
@@ -51,17 +51,17 @@ impl OwnMotion {
         is_new
     }
 
-    /// The state in I. Its momentum is that which gyro and encoders show.
+    /// The state in I, with the momentum computed from gyro and encoders.
     pub fn state(&self) -> &State {
         &self.state
     }
 
-    /// Angular velocity of the base by the gyro, base axes \[rad/s\].
+    /// Angular velocity of the base from the gyro, base axes \[rad/s\].
     pub fn w_IB_B(&self) -> &Vector3<f64> {
         &self.w_IB_B
     }
 
-    /// Pose of the tip in the base frame, by the encoders.
+    /// Pose of the tip in the base frame, from the encoders.
     pub fn X_BE(&self) -> Pose {
         self.workspace.X_BF(&self.tip)
     }
@@ -77,8 +77,8 @@ impl OwnMotion {
     }
 }
 
-/// State in I of the tree of `workspace` (a robot, or one with what it holds), from the base's attitude and angular
-/// velocity (base axes) and joint positions and rates. Its centre of mass rests at the origin.
+/// State in I of the tree of `workspace` (the robot, or the robot with its payload), from the base's attitude and
+/// angular velocity (base axes) and joint positions and rates. Its centre of mass is at rest at the origin.
 pub fn inertial_state(
     workspace: &mut Workspace,
     time: f64,

@@ -1,4 +1,4 @@
-//! The robot with the body that it holds.
+//! The robot with a held body, its payload.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -10,7 +10,7 @@ use crate::spatial::{InertiaError, Pose, RigidInertia};
 /// The robot with `payload` (in the tip's frame) fixed to its tip. Joints keep their order.
 ///
 /// # Errors
-/// [`InertiaError`] if no body has the inertia.
+/// [`InertiaError`] if the inertia is physically impossible.
 pub fn with_payload(
     model: &Model,
     tip: &Frame,
@@ -27,8 +27,8 @@ pub fn with_payload(
     Ok(joined.model)
 }
 
-/// A body of which only the centre of mass is known: `mass` \[kg\], and the inertia of a ball with the radius of gyration
-/// `gyration` \[m\].
+/// An assumed body, of which only the centre of mass is known: `mass` \[kg\], and the inertia of a ball with radius of
+/// gyration `gyration` \[m\].
 pub fn presumed(mass: f64, com: Vector3<f64>, gyration: f64) -> RigidInertia {
     RigidInertia {
         mass,
@@ -37,7 +37,7 @@ pub fn presumed(mass: f64, com: Vector3<f64>, gyration: f64) -> RigidInertia {
     }
 }
 
-/// Robot and payload as one body, at the positions of `workspace` (of the robot with its payload).
+/// Robot and payload as one rigid body, at the positions of `workspace` (of the robot with its payload).
 pub fn stack(workspace: &Workspace, tip: &Frame, payload: &RigidInertia) -> Stack {
     let X_BE: Pose = workspace.X_BF(tip);
     let at_rest = nalgebra::DVector::zeros(workspace.model().dof());

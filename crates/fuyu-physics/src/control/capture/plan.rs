@@ -6,7 +6,7 @@ use super::clearance::Distances;
 use crate::control::commander::JointPoint;
 use crate::dynamics::State;
 
-/// Least singular value of the tip's Jacobian at the arrival, lengths in m.
+/// Least singular value of the tip's Jacobian at the arrival; lengths are in m.
 pub(super) const SINGULAR: f64 = 0.05;
 
 /// Objective that a plan minimises.
@@ -30,7 +30,7 @@ impl Objective {
     ];
 }
 
-/// Where a plan begins: the motion of the robot in I.
+/// Start of a plan: the motion of the robot in I.
 #[derive(Debug, Clone)]
 pub struct Start {
     /// The robot's state: attitude of the base, momentum; its positions and rates are not used.
@@ -63,7 +63,7 @@ impl Default for JointLimitsShare {
     }
 }
 
-/// Reserve that a plan keeps of the limits, for plans that replace it during the approach.
+/// Reserve that a plan keeps from the limits, for later plans that replace it during the approach.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reserve {
     /// Share of the joints' limits of rate, acceleration and effort.
@@ -73,12 +73,12 @@ pub(super) struct Reserve {
 }
 
 impl Reserve {
-    /// Of the first plan.
+    /// Reserve of the first plan.
     pub const FIRST: Self = Self {
         share: 0.1,
         distance: 0.02,
     };
-    /// Of plans that replace it.
+    /// Reserve of the plans that replace it.
     pub const NONE: Self = Self {
         share: 0.0,
         distance: 0.0,
@@ -88,19 +88,19 @@ impl Reserve {
 /// Why there is no plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
-    /// The tip does not get there.
+    /// The tip does not reach the target.
     #[error(
         "the tip does not reach the target at {arrival:.1} s: {position:.3} m and {angle:.3} rad are left at best"
     )]
     NotReached {
         /// Time of the arrival \[s\].
         arrival: f64,
-        /// What is left \[m\].
+        /// Remaining distance \[m\].
         position: f64,
-        /// What is left \[rad\].
+        /// Remaining angle \[rad\].
         angle: f64,
     },
-    /// With the base where it is, no posture of the arm reaches the target.
+    /// No posture of the arm reaches the target with the base at its present pose.
     #[error("no posture of the arm reaches the target at {0:.1} s")]
     NoPosture(f64),
     /// The arm would be nearly singular at the arrival.
@@ -118,7 +118,7 @@ pub enum PlanError {
     Joint {
         /// The joint.
         joint: String,
-        /// Of what.
+        /// The limited quantity.
         what: &'static str,
         /// The value \[SI\].
         value: f64,
@@ -128,12 +128,12 @@ pub enum PlanError {
     /// The arm would come too close to something.
     #[error("the arm would come within {distance:.3} m of {what}")]
     Clearance {
-        /// Of what.
+        /// The objects that are too close.
         what: &'static str,
         /// The distance \[m\], negative inside.
         distance: f64,
     },
-    /// The target's motion is not known until then.
+    /// The target's motion is not known up to this arrival time.
     #[error("the target's motion is not known until {0:.1} s")]
     Unknown(f64),
 }
@@ -149,7 +149,7 @@ pub struct Plan {
     pub q: DVector<f64>,
     /// Root mean square of the base's angular velocity during the motion \[rad/s\].
     pub base_rate: f64,
-    /// Turn of the base from start to arrival \[rad\].
+    /// Rotation angle of the base from start to arrival \[rad\].
     pub base_turn: f64,
     /// Effective mass of the tip at the arrival along the approach axis \[kg\].
     pub effective_mass: f64,
@@ -172,7 +172,7 @@ impl Plan {
     }
 
     /// Position, rate and acceleration of joint `j` at `time` \[s\]. Before the start they are those at the start, and
-    /// after the arrival those at the arrival: there the position stays, although the rate may not be zero.
+    /// after the arrival those at the arrival: the position then stays constant, although the rate may not be zero.
     pub fn at(&self, j: usize, time: f64) -> JointPoint {
         point(
             &self.polynomials[j],
@@ -183,7 +183,7 @@ impl Plan {
     }
 }
 
-/// The polynomial with coefficients `c` and a bump at `s`, a part of `T` \[s\].
+/// The polynomial with coefficients `c` plus a bump, at the fraction `s` of the duration `T` \[s\].
 pub(super) fn point(c: &[f64; 6], bump: f64, s: f64, T: f64) -> JointPoint {
     let s = s.clamp(0.0, 1.0);
     let value = |c: &[f64]| c.iter().rev().fold(0.0, |sum, c| sum * s + c);
@@ -204,7 +204,7 @@ pub(super) fn point(c: &[f64; 6], bump: f64, s: f64, T: f64) -> JointPoint {
     }
 }
 
-/// The polynomial with coefficients `c` at `s`, a part of `T` \[s\].
+/// The polynomial with coefficients `c` at the fraction `s` of the duration `T` \[s\].
 pub(super) fn quintic_at(c: &[f64; 6], s: f64, T: f64) -> JointPoint {
     point(c, 0.0, s, T)
 }
@@ -224,7 +224,7 @@ pub(super) fn quintic(from: &JointPoint, to: &JointPoint, T: f64) -> [f64; 6] {
     ]
 }
 
-/// How near to a plan a failure is.
+/// Rank of an error: how close to a feasible plan the failure is.
 pub(super) fn rank(error: &PlanError) -> u8 {
     match error {
         PlanError::Unknown(_) => 0,

@@ -1,4 +1,4 @@
-//! Postures of the arm at the rendezvous, from which the shooting starts.
+//! Postures of the arm at the rendezvous, from which shooting starts.
 
 use nalgebra::{DVector, UnitQuaternion, Vector6};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -14,7 +14,7 @@ const POSTURES: usize = 24;
 const DESCENT: usize = 150;
 
 impl RendezvousPlanner {
-    /// Postures of the arm at the arrival, with the base where it is at the start: the starts of the shooting.
+    /// Postures of the arm at the arrival, with the base at its pose at the start: initial guesses for shooting.
     pub(super) fn postures(&mut self, task: &Rendezvous) -> Vec<End> {
         let n = self.model.dof();
         let now = DVector::from_fn(n, |j, _| task.start.joints[j].position);
@@ -49,7 +49,7 @@ impl RendezvousPlanner {
         found.into_iter().map(end).collect()
     }
 
-    /// Joints without limits turn in the shorter direction.
+    /// Moves joints without limits to the nearer equivalent angle.
     fn unwind(&self, now: &DVector<f64>, q: &mut DVector<f64>) {
         use std::f64::consts::TAU;
         for (j, joint) in self.model.joints().iter().enumerate() {
@@ -75,7 +75,7 @@ impl RendezvousPlanner {
             if size < 1e-3 {
                 return true;
             }
-            // On a nearly straight way; strongly damped far from the goal.
+            // On a nearly straight path; strongly damped far from the goal.
             let error = error * (LONGEST_STEP / size).min(1.0);
             let Some(step) = self.resolved(R_IB, &error, 0.1 * size.min(1.0)) else {
                 return false;

@@ -1,11 +1,11 @@
 //! Rendezvous: joint motions of a free-floating robot that bring its tip to a moving frame at zero relative twist.
 //!
 //! Joints follow quintic polynomials from their present position, rate and acceleration to those at the arrival, plus
-//! bumps `a_j 64 s³ (1 - s)³`, which change the path but neither of its ends. The base turns as momentum demands (Masutani
-//! 1995 eq. (4.23) with the momentum term), so its pose at the arrival depends on the whole path. The joint positions at
-//! the arrival are found by shooting: Newton's method on the tip's pose. The joint rates and accelerations there follow
-//! from twist and acceleration of the goal by the generalized Jacobian. The bumps are chosen by the Gauss-Newton method so
-//! that the base turns least and clearances are kept.
+//! bumps `a_j 64 s³ (1 - s)³`, which change the path but not its ends. The base turns by the conservation of momentum
+//! (Masutani 1995 eq. (4.23) with the momentum term), so its pose at the arrival depends on the whole path. The joint
+//! positions at the arrival are found by shooting: Newton's method on the tip's pose. The joint rates and accelerations
+//! there follow from twist and acceleration of the goal by the generalized Jacobian. The bumps are chosen by the
+//! Gauss-Newton method so that the base turns least and clearances are kept.
 
 use nalgebra::{DVector, Matrix6xX, Vector3};
 
@@ -27,7 +27,7 @@ pub struct RendezvousPlanner {
     pub(super) clearance: Clearance,
     pub(super) limits: JointLimitsShare,
     pub(super) objective: Objective,
-    /// Unit vector in the tip's frame.
+    /// Approach axis: a unit vector in the tip's frame.
     pub(super) approach_axis: Vector3<f64>,
     pub(super) workspace: Workspace,
     pub(super) jacobian: Matrix6xX<f64>,
@@ -42,7 +42,7 @@ pub struct Rendezvous<'a> {
     pub start: &'a Start,
     /// Time of the arrival \[s\].
     pub arrival: f64,
-    /// Motion of the frame with which the tip's is to coincide then, in I.
+    /// Motion at the arrival, in I, of the frame with which the tip's frame is to coincide.
     pub goal: &'a FrameMotion,
     /// The target's centre of mass in I at the start and at the arrival; it moves uniformly.
     pub center: Option<(Vector3<f64>, Vector3<f64>)>,
@@ -71,7 +71,8 @@ impl RendezvousPlanner {
         }
     }
 
-    /// With another objective, and the direction in the tip's frame in which it goes on after the arrival; `x` without.
+    /// The same planner with another objective, and the tip's direction of motion after the arrival, in the tip's frame
+    /// (default `x`).
     #[must_use]
     pub fn with_objective(mut self, objective: Objective, approach_axis: &Vector3<f64>) -> Self {
         self.objective = objective;
@@ -79,11 +80,11 @@ impl RendezvousPlanner {
         self
     }
 
-    /// The motion that reaches the rendezvous and is best by the objective, of those to several postures at the arrival;
-    /// each turns the base as little as its posture allows.
+    /// The motion that reaches the rendezvous and is best by the objective, among motions to several postures at the
+    /// arrival; each turns the base as little as its posture allows.
     ///
     /// # Errors
-    /// [`PlanError`]: that of the path which came closest to a plan.
+    /// [`PlanError`] of the path that came closest to a feasible plan.
     pub fn plan(&mut self, task: &Rendezvous) -> Result<Plan, PlanError> {
         let straight = DVector::zeros(self.model.dof());
         let mut best: Option<Plan> = None;
@@ -109,8 +110,8 @@ impl RendezvousPlanner {
         best.ok_or_else(|| failure.unwrap_or(PlanError::NoPosture(task.arrival)))
     }
 
-    /// Plans again while an earlier plan is followed: at half of the remaining time the joints have the positions of the
-    /// earlier plan, and the search for the joint positions at the arrival begins at those of the earlier plan.
+    /// Plans again while an earlier plan is followed. At half of the remaining time the joints have the positions of
+    /// the earlier plan; the search for the joint positions at the arrival starts at those of the earlier plan.
     ///
     /// # Errors
     /// [`PlanError`].
@@ -124,7 +125,7 @@ impl RendezvousPlanner {
             qd: of(|p| p.rate),
             qdd: of(|p| p.acceleration),
         };
-        // A bump is 1 in the middle of the way.
+        // A bump is 1 at the middle of the path.
         let T = task.duration();
         let middle = task.arrival - 0.5 * T;
         let bumps = DVector::from_fn(n, |j, _| {

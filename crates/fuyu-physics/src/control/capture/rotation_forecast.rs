@@ -7,7 +7,7 @@ use crate::spatial::exp_so3;
 /// Attitudes `R_IF` of axes fixed to the target, at equal intervals.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RotationForecast {
-    /// Time of the first \[s\].
+    /// Time of the first attitude \[s\].
     pub start: f64,
     /// Interval \[s\].
     pub period: f64,
@@ -21,7 +21,7 @@ impl RotationForecast {
         self.start + self.period * (self.attitudes.len() - 1) as f64
     }
 
-    /// Whether it covers `time` \[s\], an interval beyond the end included.
+    /// Whether the forecast covers `time` \[s\]; it extends one interval beyond the end.
     pub fn covers(&self, time: f64) -> bool {
         time >= self.start - 1e-6 && time <= self.end() + self.period
     }
@@ -63,7 +63,7 @@ mod tests {
     use super::*;
     use crate::control::capture::fixtures::{tumbling, within};
 
-    // A free body by the elliptic closed form of estimation, which shares nothing with the parabola.
+    // Compares with a free body in the elliptic closed form of estimation, which is independent of the parabola.
     #[test]
     fn a_forecast_is_interpolated_with_its_derivatives() {
         let body = tumbling();

@@ -7,12 +7,12 @@ use super::plan::{Plan, PlanError, Reserve, point};
 use super::rendezvous::{Rendezvous, RendezvousPlanner};
 use super::shooting::{PIECES, Shot};
 
-/// Weight of a violated clearance \[1/m\] against the base's angular velocity \[rad/s\].
+/// Weight of a violated clearance \[1/m\] relative to the base's angular velocity \[rad/s\].
 const CLEARANCE_WEIGHT: f64 = 1.0;
 const SHAPING_ITERATIONS: usize = 4;
 /// Largest bump \[rad or m\].
 const LARGEST_BUMP: f64 = 0.8;
-/// Weight of a bump \[1/(rad s)\]: a joint moves for the base's sake only where that helps.
+/// Weight of a bump \[1/(rad s)\], so that a joint moves for the base's sake only where that helps.
 const BUMP_WEIGHT: f64 = 1e-4;
 
 impl RendezvousPlanner {
@@ -57,7 +57,7 @@ impl RendezvousPlanner {
         self.checked(task, shot, bumps, Reserve::FIRST)
     }
 
-    /// Residuals that the bumps minimise: the base's angular velocity, violated clearances, and the bumps.
+    /// Residuals that the bumps minimise: angular velocity of the base, violated clearances, and size of the bumps.
     fn residual(&mut self, task: &Rendezvous, shot: &Shot, bumps: &DVector<f64>) -> DVector<f64> {
         let mut rows = Vec::with_capacity(5 * PIECES + bumps.len());
         let scale = 1.0 / (PIECES as f64).sqrt();
@@ -68,7 +68,7 @@ impl RendezvousPlanner {
             R_IB = after;
             let distances = self.distances(task, shot, bumps, &R_IB, piece + 1);
             let margin = self.clearance.config().margin;
-            // With a reserve, so that the minimum keeps the margin itself.
+            // With a reserve, so that the minimum itself keeps the margin.
             let own = (margin + 0.05 - distances.own).max(0.0);
             let of_target = (0.05 - distances.keep_out).max(0.0);
             rows.push(CLEARANCE_WEIGHT * scale * own);
@@ -78,7 +78,7 @@ impl RendezvousPlanner {
         DVector::from_vec(rows)
     }
 
-    /// Distances after a piece of the path.
+    /// Distances at the end of a piece of the path.
     pub(super) fn distances(
         &mut self,
         task: &Rendezvous,

@@ -1,4 +1,5 @@
-//! Shooting: integrates where a joint path takes the base, and finds the end of the path that brings the tip to the goal.
+//! Shooting: integrates the base's motion along a joint path, and finds the end of the path that brings the tip to the
+//! goal.
 
 use nalgebra::{DMatrix, DVector, Translation3, UnitQuaternion, Vector3, Vector6};
 
@@ -10,7 +11,7 @@ use crate::control::damped_descent::shortened;
 use crate::dynamics::{Momentum, State};
 use crate::spatial::{Pose, Twist, exp_so3};
 
-/// Pieces of the path over which the base's rotation is integrated, by Magnus's method of fourth order.
+/// Number of pieces of the path for the integration of the base's rotation by Magnus's method of fourth order.
 pub(super) const PIECES: usize = 48;
 /// Largest deviation of the tip from its goal at the arrival, of position \[m\] and rotation vector \[rad\].
 const TOLERANCE: f64 = 1e-9;
@@ -26,12 +27,12 @@ pub(super) struct End {
     pub qdd: DVector<f64>,
 }
 
-/// A joint path, and where it takes base and tip.
+/// A joint path, and the resulting motion of base and tip.
 pub(super) struct Shot {
     pub polynomials: Vec<[f64; 6]>,
     pub R_IB: UnitQuaternion<f64>,
     pub error: Vector6<f64>,
-    /// By how much rates and accelerations at the end of the path differ from those of `end`.
+    /// Difference of rates and accelerations at the end of the path from those of `end`.
     pub rates_off: f64,
     pub end: End,
 }
@@ -63,7 +64,7 @@ impl RendezvousPlanner {
         Some(J.tr_mul(&normal.cholesky()?.solve(&twist)))
     }
 
-    /// State of the robot in I at positions, rates and attitude of the base.
+    /// State of the robot in I, from joint positions, joint rates and attitude of the base.
     pub(super) fn state(&self, task: &Rendezvous, R_IB: UnitQuaternion<f64>, end: &End) -> State {
         let mut state = task.start.state.clone();
         state.R_WB = R_IB;
@@ -74,7 +75,8 @@ impl RendezvousPlanner {
         state
     }
 
-    /// Rates and accelerations with which the tip has the goal's twist and acceleration, at the positions of `end`.
+    /// Sets the rates and accelerations for which the tip has the goal's twist and acceleration, at the positions of
+    /// `end`.
     fn match_motion(
         &mut self,
         task: &Rendezvous,
@@ -91,7 +93,7 @@ impl RendezvousPlanner {
         end.qd = self.resolved(&R_IB, &wanted, 1e-6)?;
         let moving = self.state(task, R_IB, end);
         self.workspace.set_motion(&moving);
-        // The accelerations with joints that do not accelerate.
+        // Accelerations with zero joint accelerations.
         (self.workspace).accelerations(&moving, &self.no_input, &mut self.free);
         self.workspace
             .set_accelerations(&DVector::zeros(self.free.len()));
@@ -114,7 +116,7 @@ impl RendezvousPlanner {
             .collect()
     }
 
-    /// Angular velocity of the base on the path at `s`, base axes, with its attitude there.
+    /// Angular velocity of the base on the path at `s`, base axes, for the attitude there.
     fn base_rate(
         &mut self,
         task: &Rendezvous,
@@ -137,7 +139,7 @@ impl RendezvousPlanner {
         self.workspace.base_twist(&momentum_B, &qd).angular
     }
 
-    /// Attitude of the base after a piece of the path.
+    /// Attitude of the base at the end of a piece of the path.
     pub(super) fn turned(
         &mut self,
         task: &Rendezvous,
@@ -148,8 +150,8 @@ impl RendezvousPlanner {
         let h = task.duration() / PIECES as f64;
         let at = |c: f64| (piece as f64 + c) / PIECES as f64;
         let gauss = 3.0_f64.sqrt() / 6.0;
-        // The momentum in base axes needs the attitude within the piece, for which one evaluation suffices: momentum is a
-        // small part of the base's motion, and the piece is short.
+        // The momentum in base axes needs the attitude within the piece. One evaluation suffices: momentum is a small
+        // part of the base's motion, and the piece is short.
         let begin = self.base_rate(task, way, R_IB, at(0.0));
         let within = |c: f64| R_IB * exp_so3(&(begin * (c * h)));
         let a = self.base_rate(task, way, &within(0.5 - gauss), at(0.5 - gauss));
@@ -158,7 +160,8 @@ impl RendezvousPlanner {
         (R_IB * exp_so3(&turn), (a + b) * 0.5)
     }
 
-    /// Follows the path to `end`; the result has rates and accelerations that match the goal at the end of the path.
+    /// Integrates along the path to `end`; the result has rates and accelerations that match the goal at the end of the
+    /// path.
     fn follow(&mut self, task: &Rendezvous, mut end: End, bumps: &DVector<f64>) -> Option<Shot> {
         let polynomials = self.polynomials(task, &end);
         let mut R_IB = task.start.state.R_WB;
@@ -179,7 +182,7 @@ impl RendezvousPlanner {
         })
     }
 
-    /// Newton's method on the end of the path.
+    /// Newton's method on the joint positions at the end of the path.
     pub(super) fn shoot(
         &mut self,
         task: &Rendezvous,
@@ -206,8 +209,8 @@ impl RendezvousPlanner {
             if shot.error.norm() + shot.rates_off < TOLERANCE {
                 return Ok(shot);
             }
-            // The tip follows the joints at the end with the generalized Jacobian there, and the rest of the way turns the
-            // base little, so that the iteration contracts.
+            // At the end, the tip follows the joints by the generalized Jacobian there, and the rest of the path turns
+            // the base little, so that the iteration converges.
             self.workspace.set_positions(&shot.end.q);
             let step = self.resolved(&shot.R_IB, &shot.error, 1e-4);
             let step = step.ok_or_else(|| not_reached(&best))?;

@@ -9,8 +9,8 @@
 //!
 //! `c`, `v` and `r` follow from measured poses by least squares; the estimator's images do not determine them. `R_IG`
 //! follows from the estimator's [`RotationForecast`] of axes F, which are fixed to the target, and from the constant
-//! rotation from F to G, averaged over the measured attitudes. Where the motion does not separate `c` and `r` (along the
-//! axis of a simple spin), their sum is known, and a weak prior decides how it is divided.
+//! rotation from F to G, averaged over the measured attitudes. Where the motion does not separate `c` and `r` (along
+//! the axis of a simple spin), only their sum is known, and a weak prior divides it.
 
 use std::collections::VecDeque;
 
@@ -27,9 +27,9 @@ use crate::spatial::{Pose, Twist};
 const PRIOR: [f64; 3] = [20.0, 0.5, 3.0];
 /// Time over which the rotation from F to G is averaged \[s\].
 const OFFSET_WINDOW: f64 = 10.0;
-/// A jump of the forecast's axes that cannot be its error \[rad\].
+/// A jump of the forecast's axes larger than any error of the forecast \[rad\].
 const NEW_AXES: f64 = 0.5;
-/// Shortest and longest time over which forecasts are judged by later ones \[s\].
+/// Shortest and longest time over which forecasts are compared with later ones \[s\].
 const JUDGED: (f64, f64) = (2.0, 12.0);
 /// Least number of measured poses for a fit.
 const LEAST_SAMPLES: usize = 20;
@@ -55,12 +55,12 @@ impl Default for TrackConfig {
     }
 }
 
-/// How uncertain a prediction is: standard deviations in the worst direction.
+/// Uncertainty of a prediction: standard deviations in the worst direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Uncertainty {
-    /// Of the position \[m\].
+    /// Standard deviation of the position \[m\].
     pub position: f64,
-    /// Of the attitude \[rad\].
+    /// Standard deviation of the attitude \[rad\].
     pub attitude: f64,
 }
 
@@ -91,17 +91,17 @@ impl Fit {
 pub struct TargetTrack {
     config: TrackConfig,
     samples: VecDeque<Sample>,
-    /// Newest last.
+    /// Forecasts, newest last.
     forecasts: VecDeque<RotationForecast>,
-    /// Rotations from F to G, each by one measurement.
+    /// Rotations from F to G, one for each measurement.
     offsets: VecDeque<(f64, UnitQuaternion<f64>)>,
-    /// How fast forecasts have proved to go wrong \[rad/s\], each at a time.
+    /// Observed drift rates of forecasts \[rad/s\], each with its time.
     drifts: VecDeque<(f64, f64)>,
     fit: Option<Fit>,
 }
 
 impl TargetTrack {
-    /// Without measurements.
+    /// A track without measurements.
     pub fn new(config: TrackConfig) -> Self {
         Self {
             config,
@@ -113,7 +113,7 @@ impl TargetTrack {
         }
     }
 
-    /// Discards all measurements: I was defined again, or the target is not free any more.
+    /// Discards all measurements: I was redefined, or the target is no longer free.
     pub fn clear(&mut self) {
         *self = Self::new(self.config);
     }
@@ -123,12 +123,12 @@ impl TargetTrack {
         self.samples.back().map(|s| s.time)
     }
 
-    /// Number of measured poses that are used.
+    /// Number of measured poses in use.
     pub fn samples(&self) -> usize {
         self.samples.len()
     }
 
-    /// Time that they span \[s\].
+    /// Time span of these poses \[s\].
     pub fn span(&self) -> f64 {
         let (first, last) = (self.samples.front(), self.samples.back());
         first.zip(last).map_or(0.0, |(a, b)| b.time - a.time)
@@ -184,7 +184,7 @@ impl TargetTrack {
         while (self.drifts.front()).is_some_and(|(t, _)| *t < start - JUDGED.1) {
             self.drifts.pop_front();
         }
-        // One that does not begin later than those before replaces them.
+        // A forecast that does not start later than earlier ones replaces them.
         while (self.forecasts.back()).is_some_and(|f| f.start >= start) {
             self.forecasts.pop_back();
         }
@@ -224,7 +224,7 @@ impl TargetTrack {
             Some((covariance * rhs / (sigma * sigma), covariance))
         };
         let (x, _) = solve(noise)?;
-        // What is left shows noise that the settings do not know, that of the attitudes times r included.
+        // The residuals show noise that the settings do not contain, including that of the attitudes times r.
         let left = squares - 2.0 * x.dot(&rhs) + x.dot(&(normal * x));
         let count = 3.0 * self.samples.len() as f64 - 9.0;
         let sigma = (left.max(0.0) / count).sqrt().max(noise);
@@ -242,15 +242,15 @@ impl TargetTrack {
     /// quaternions, J. Guidance, Control, and Dynamics 30, 2007).
     fn R_FG(&self) -> Option<UnitQuaternion<f64>> {
         let (_, first) = self.offsets.front()?;
-        // Close to each other, so that their sum with equal signs is the mean to second order.
+        // The quaternions are close to each other, so their sum with equal signs is the mean to second order.
         let sum: Vector4<f64> = (self.offsets.iter())
             .map(|(_, q)| q.coords * q.coords.dot(&first.coords).signum())
             .sum();
         Some(UnitQuaternion::new_normalize(Quaternion::from(sum)))
     }
 
-    /// Predicted motion of the grasp frame in I at `time` \[s\]; `None` before poses and forecasts suffice, or beyond the
-    /// forecast.
+    /// Predicted motion of the grasp frame in I at `time` \[s\]; `None` until poses and forecasts suffice, and beyond
+    /// the end of the forecast.
     pub fn at(&self, time: f64) -> Option<FrameMotion> {
         let (fit, R_FG) = (self.fit.as_ref()?, self.R_FG()?);
         let forecast = self.forecasts.iter().rev().find(|f| f.covers(time))?;
@@ -277,10 +277,9 @@ impl TargetTrack {
         self.fit.as_ref().map(|fit| -fit.part(2))
     }
 
-    /// How uncertain the prediction for `time` \[s\] of a point at `p_GK` in the grasp frame \[m\] is; `None` while that is not known.
-    /// The position's part is the
-    /// covariance of the fit; the rotation's is how far earlier forecasts have proved wrong per second ahead, the
-    /// largest of the last ones.
+    /// Uncertainty of the prediction for `time` \[s\] of a point at `p_GK` in the grasp frame \[m\]; `None` while it is
+    /// unknown. The position's part is the covariance of the fit; the attitude's part is the largest drift rate of the
+    /// last forecasts times the prediction time.
     pub fn uncertainty(&self, time: f64, p_GK: &Vector3<f64>) -> Option<Uncertainty> {
         let fit = self.fit.as_ref()?;
         let forecast = self.forecasts.back()?;
@@ -319,8 +318,8 @@ mod tests {
     use crate::control::capture::fixtures::{tumbling, within};
     use crate::spatial::exp_so3;
 
-    // Poses of a point of a free body, with noise: what is predicted 15 s ahead agrees with the truth within three of the
-    // standard deviations that the track states, and is not stated much too wide.
+    // Poses of a point of a free body, with noise: the prediction 15 s ahead agrees with the truth within three of the
+    // track's standard deviations, which are not much too large.
     #[test]
     fn a_point_of_a_free_body_is_predicted_with_its_uncertainty() {
         use rand::{SeedableRng, rngs::StdRng};

@@ -1,22 +1,22 @@
-//! Pulses of thrusters that give a couple on average.
+//! Pulses of thrusters with a given mean couple.
 
 use nalgebra::Vector3;
 
 use crate::control::attitude::{AttitudeConfigError, ThrusterAllocator};
 use crate::dynamics::flexible::FlexibleSystem;
 
-/// Turns a couple that changes from step to step into on-times of thrusters, once per period. The couple that is wanted at
-/// the start of a period is given on average over the period.
+/// Turns a couple that changes from step to step into on-times of thrusters, once per period. The mean couple over a
+/// period is the couple requested at its start.
 #[derive(Debug, Clone)]
 pub struct ThrusterPulses {
     allocator: ThrusterAllocator,
     period: f64,
-    /// When the present period began \[s\]; `None` with closed valves.
+    /// Start of the present period \[s\]; `None` with closed valves.
     begun: Option<f64>,
 }
 
 impl ThrusterPulses {
-    /// For the thrusters of `system`, with a period \[s\]; `None` if it has none.
+    /// Pulses of the thrusters of `system`, with a period \[s\]; `None` if it has none.
     ///
     /// # Errors
     /// [`AttitudeConfigError`] as of [`ThrusterAllocator::new`].
@@ -29,8 +29,8 @@ impl ThrusterPulses {
         }))
     }
 
-    /// On-times \[s\] from `time` \[s\] on, if a period begins there, for a mean couple \[N m\] with the common centre of mass at
-    /// `p_BC` \[m\] (both base axes). Once no couple is wanted, valves that may be open close at once.
+    /// On-times \[s\] from `time` \[s\] on, if a period starts then, for a mean couple \[N m\] with the common centre
+    /// of mass at `p_BC` \[m\] (both base axes). If no couple is requested, open valves close at once.
     pub fn follow(
         &mut self,
         time: f64,
@@ -42,7 +42,7 @@ impl ThrusterPulses {
             self.allocator.reset();
             return Some(self.allocator.on_times());
         }
-        // Half a nanosecond: sums of periods are rounded. Time may also have started again.
+        // Half a nanosecond, for rounding of sums of periods. Time may also have jumped back.
         let lasts = |begun: f64| (0.0..self.period - 5e-10).contains(&(time - begun));
         if self.begun.is_some_and(lasts) {
             return None;
@@ -104,8 +104,9 @@ mod tests {
             .sum()
     }
 
-    // Ten seconds of steps of 0.01 s with a couple that turns: one command per period, and the sum of the impulses is that of
-    // the couple to within a pulse of the shortest length. Commands in every step would give ten times the impulse.
+    // Ten seconds of steps of 0.01 s with a rotating couple: one command per period, and the sum of the impulses is
+    // that of the couple to within a pulse of the shortest length. Commands in every step would give ten times the
+    // impulse.
     #[test]
     fn the_mean_of_the_pulses_is_the_couple() {
         let mut pulses = pulses(0.1);
@@ -142,7 +143,7 @@ mod tests {
         assert_eq!(closed, Some(vec![0.0; 12]));
         assert_eq!(pulses.follow(0.07, &none, &none), None);
         assert!(pulses.follow(0.08, &Vector3::x(), &none).is_some());
-        // Simulated time starts again.
+        // Simulated time jumps back.
         assert!(pulses.follow(0.01, &Vector3::x(), &none).is_some());
     }
 }

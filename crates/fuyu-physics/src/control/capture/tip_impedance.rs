@@ -5,9 +5,9 @@
 //! τ = Ĥ (Ĵ⁺ (a - a_0) - q̈_0)
 //! ```
 //!
-//! with the generalized Jacobian `Ĵ` and reduced inertia `Ĥ` of the free-floating robot (Masutani 1995 eqs. (4.36), (4.48)), the
-//! free motion `q̈_0`, and the tip's acceleration `a_0` with joints that do not accelerate (N. Hogan, Impedance
-//! control, J. Dynamic Systems, Measurement, and Control 107, 1985; inertia of the tip as the robot has it: no force
+//! with the generalized Jacobian `Ĵ` and reduced inertia `Ĥ` of the free-floating robot (Masutani 1995 eqs. (4.36),
+//! (4.48)), the free motion `q̈_0`, and the tip's acceleration `a_0` at zero joint accelerations (N. Hogan, Impedance
+//! control, J. Dynamic Systems, Measurement, and Control 107, 1985; the tip keeps its natural inertia, so no force
 //! sensor is needed). [`TipLaw::Transpose`] is the thesis's law, eq. (5.1): `τ = Ĵᵀ (K e + D ė)`, the same impedance
 //! without compensation of the arm's own dynamics.
 
@@ -41,18 +41,18 @@ pub enum TipLaw {
     },
 }
 
-/// Report of the tip's law.
+/// Deviations of the tip from its goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TipReport {
     /// Position of the goal relative to the tip, axes of I \[m\].
     pub position_error: Vector3<f64>,
     /// Rotation vector from the tip to the goal, axes of I \[rad\].
     pub rotation_error: Vector3<f64>,
-    /// The goal's twist less the tip's, axes of I.
+    /// The goal's twist minus the tip's, axes of I.
     pub twist_error: Twist,
 }
 
-/// Drives the tip of a free-floating robot.
+/// Drives the tip of a free-floating robot by its law.
 #[derive(Debug, Clone)]
 pub struct TipImpedance {
     law: TipLaw,
@@ -70,7 +70,7 @@ pub(super) fn stacked(twist: &Twist) -> Vector6<f64> {
 }
 
 impl TipImpedance {
-    /// For `tip` of a robot.
+    /// The law for `tip` of a robot.
     pub fn new(model: &Model, tip: &Frame, law: TipLaw) -> Self {
         let n = model.dof();
         Self {

@@ -1,4 +1,4 @@
-//! Mobility of the tip of a free-floating robot (the inverse of its inertia against a wrench), and its effective mass.
+//! Mobility of the tip of a free-floating robot (inverse of its inertia against a wrench), and its effective mass.
 
 use nalgebra::{DMatrix, DVector, Matrix6, Matrix6xX, Vector3, Vector6};
 
@@ -7,9 +7,9 @@ use crate::dynamics::{Momentum, Workspace};
 use crate::model::Frame;
 use crate::spatial::Twist;
 
-/// Inverse of the inertia that the tip opposes to a wrench at it (linear first, base axes) at the positions of `workspace`:
-/// `Ĵ Ĥ⁻¹ Ĵᵀ` (O. Khatib, Inertial properties in robotic manipulation, Int. J. Robotics Research 14, 1995; of a
-/// free-floating robot by K. Yoshida and N. Sashida, 1993) plus that of the base with locked joints.
+/// Inverse of the tip's inertia against a wrench at the tip (linear first, base axes) at the positions of `workspace`:
+/// `Ĵ Ĥ⁻¹ Ĵᵀ` (O. Khatib, Inertial properties in robotic manipulation, Int. J. Robotics Research 14, 1995; for a
+/// free-floating robot K. Yoshida and N. Sashida, 1993) plus the mobility of the base with locked joints.
 fn mobility(
     workspace: &mut Workspace,
     (tip, jacobian): (&Frame, &mut Matrix6xX<f64>),
@@ -22,7 +22,7 @@ fn mobility(
         let J = DMatrix::from_fn(6, n, |r, c| jacobian[(r, c)]);
         mobility.copy_from(&(&J * factor.solve(&J.transpose())));
     }
-    // The base and its locked arm, by a wrench at the tip: unit wrenches give momentum.
+    // Response of the base with its locked arm to unit wrenches at the tip, which act as momenta.
     let at_rest = DVector::zeros(n);
     let p_BE = workspace.X_BF(tip).translation.vector;
     let p_CE = p_BE - workspace.p_BC();

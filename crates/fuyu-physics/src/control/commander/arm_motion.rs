@@ -1,4 +1,4 @@
-//! The motion that an arm is executing, sampled.
+//! The motion that an arm executes, sampled.
 
 use nalgebra::DVector;
 
@@ -8,16 +8,16 @@ use super::tip_follower::{BaseState, TipFollower};
 use super::twist_servo::TwistServo;
 use crate::dynamics::Momentum;
 
-/// Rate at which joints that the tip leaves free approach their trajectory \[1/s\].
+/// Rate at which redundant joints approach their trajectory \[1/s\].
 const POSTURE_GAIN: f64 = 1.0;
 
-/// A motion of all joints, given by joint positions or by the tip.
+/// A motion of all joints, defined by joint positions or by the tip.
 #[derive(Debug, Clone)]
 pub enum ArmMotion {
     /// The joints follow splines.
     Joints(JointSpline),
-    /// The tip follows, relative to the base, the motion that the splines would give it; redundant joints turn the base
-    /// as little as possible.
+    /// The tip follows its motion on the splines, relative to the base; redundant joints turn the base as little as
+    /// possible.
     LeastReaction(Box<LeastReaction>),
     /// The tip follows a path.
     Path(Box<PathMotion>),
@@ -30,9 +30,9 @@ pub enum ArmMotion {
 pub struct LeastReaction {
     spline: JointSpline,
     follower: TipFollower,
-    /// Gives the tip's motion on the splines.
+    /// Computes the tip's motion on the splines.
     kinematics: TipFollower,
-    /// Joint rates that the splines would give.
+    /// Joint rates of the splines.
     preferred: DVector<f64>,
 }
 
@@ -44,7 +44,7 @@ pub struct PathMotion {
 }
 
 impl ArmMotion {
-    /// The tip's part of a joint trajectory. `follower` has the joints' present motion.
+    /// Follows the tip's part of a joint trajectory. `follower` holds the joints' present motion.
     pub fn least_reaction(spline: JointSpline, follower: TipFollower) -> Self {
         Self::LeastReaction(Box::new(LeastReaction {
             preferred: DVector::zeros(spline.dof()),
@@ -54,12 +54,12 @@ impl ArmMotion {
         }))
     }
 
-    /// A path of the tip. `follower` has the joints' present motion.
+    /// Follows a path of the tip. `follower` holds the joints' present motion.
     pub fn path(spline: PoseSpline, follower: TipFollower) -> Self {
         Self::Path(Box::new(PathMotion { spline, follower }))
     }
 
-    /// When the motion is over \[s\]; infinite for streamed twists.
+    /// End of the motion \[s\]; infinite for streamed twists.
     pub fn end(&self) -> f64 {
         match self {
             Self::Joints(spline) => spline.end(),
@@ -69,7 +69,7 @@ impl ArmMotion {
         }
     }
 
-    /// Acceleration of joint `j` at `time` \[s\], where the motion has one; zero for motions of the tip.
+    /// Acceleration of joint `j` at `time` \[s\] for splines; zero for motions of the tip.
     pub fn acceleration(&self, j: usize, time: f64) -> f64 {
         match self {
             Self::Joints(spline) => spline.at(j, time).acceleration,

@@ -7,14 +7,13 @@ use crate::control::task_priority::factorize;
 use crate::dynamics::{Input, State, Workspace};
 use crate::model::Model;
 
-/// Commanded rate at which friction is compensated in full \[rad/s or m/s\].
+/// Commanded rate above which friction is fully compensated \[rad/s or m/s\].
 const SLIDING: f64 = 2e-4;
 
-/// Share of a joint's effort limit that is meant to stop it at a distant reference; the rest is for the other joints'
-/// motion.
+/// Fraction of a joint's effort limit for braking to a distant reference; the rest is for the other joints' motion.
 const BRAKING_SHARE: f64 = 0.5;
 
-/// Duty of the drive of a joint.
+/// Task of the drive of a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum JointDuty {
     /// Holds an effort \[N m or N\].
@@ -25,23 +24,23 @@ pub enum JointDuty {
     Track,
 }
 
-/// Computed torque for joints with different duties.
+/// Computed torque for joints with different tasks.
 ///
-/// A tracked joint gets the acceleration `q̈_d + 2 ω ė + ω² e` with `e = q_d - q`, one with a rate `v` gets `ω_v (v -
-/// q̇)`. With the free motion `q̈_0` (no efforts) and `x = q̈ - q̈_0` the equation of motion is `Ĥ x = τ`, with the
-/// reduced inertia of Masutani 1995 eq. (4.48): the rows of joints with given efforts are solved for their `x`, then
-/// the rows of the others give their efforts, so all joints move as if they were alone. (Computed torque: J. Luh, M.
+/// A tracked joint gets the acceleration `q̈_d + 2 ω ė + ω² e` with `e = q_d - q`, a joint with a commanded rate `v`
+/// gets `ω_v (v - q̇)`. With the free motion `q̈_0` (no efforts) and `x = q̈ - q̈_0` the equation of motion is `Ĥ x =
+/// τ`, with the reduced inertia of Masutani 1995 eq. (4.48): the rows of joints with given efforts are solved for their
+/// `x`, then the other rows give the other efforts, so all joints move independently. (Computed torque: J. Luh, M.
 /// Walker and R. Paul, Resolved-acceleration control of mechanical manipulators, IEEE Trans. Automatic Control 25,
 /// 1980.) Damping `D` and friction `F` of the joints are compensated for the wanted rate `v_w = q̇_d + ω e / 2`, not
-/// the measured one: `D (v_w - q̇) + F sat(v_w / v_s)`, which no damping makes unstable. `ω e / 2` is limited to the
+/// the measured one: `D (v_w - q̇) + F sat(v_w / v_s)`, which is stable for any damping. `ω e / 2` is limited to the
 /// joint's largest rate, and to `√(2 a |e|)`, from which half of its effort limit can stop it (`a = τ_max / (2 Ĥ_jj)`),
 /// so that a distant position is approached without overshoot.
 ///
-/// It is sampled: efforts are held from one call to the next. With the period `T` it is stable for `ω T` well below 1.
+/// The servo is sampled: efforts are held between calls. With the period `T` it is stable for `ω T` well below 1.
 ///
-/// `Ĥ` contains a body that the last link holds. If the grip yields, the measured rates are those of the much lighter last
-/// link, which oscillates on the grip, and not those of the body. Then `ė` is computed from filtered positions
-/// ([`JointServo::with_compliance`]).
+/// `Ĥ` includes the body that the last link holds. If the grip is compliant, the measured rates are those of the much
+/// lighter last link, which oscillates on the grip, and not those of the body. Then `ė` is computed from filtered
+/// positions ([`JointServo::with_compliance`]).
 #[derive(Debug, Clone)]
 pub struct JointServo {
     bandwidth: f64,
@@ -78,10 +77,10 @@ impl RateFilter {
         }
     }
 
-    /// Takes the errors at `time` \[s\]. They had no rate before the first sample.
+    /// Updates the filter with the errors at `time` \[s\]. Before the first sample the rates are zero.
     fn take(&mut self, time: f64, errors: impl Iterator<Item = f64>) {
         let period = self.time.map(|before| (time - before).max(0.0));
-        // Exact for an error that is held over the period.
+        // Exact for an error that is constant over the period.
         let share = period.map(|period| -(-period / self.time_constant).exp_m1());
         self.time = Some(time);
         for (j, error) in errors.enumerate() {
@@ -97,7 +96,7 @@ impl RateFilter {
 }
 
 impl JointServo {
-    /// Share of the natural frequency of a held body on its grip up to which the servo's may be.
+    /// Largest natural frequency of the servo, as a fraction of the natural frequency of a held body on its grip.
     const COMPLIANT_SHARE: f64 = 0.2;
 
     /// A servo with the natural frequency `bandwidth` \[rad/s\].
@@ -116,15 +115,16 @@ impl JointServo {
         }
     }
 
-    /// For a robot that holds a body through a grip which yields. `frequency` `Ω` \[rad/s\] is the lowest natural frequency
-    /// of the body on the grip while the last link does not move; it must be positive.
+    /// The servo for a robot that holds a body through a compliant grip. `frequency` `Ω` \[rad/s\] is the lowest
+    /// natural frequency of the body on the grip with a fixed last link; it must be positive.
     ///
     /// Far above `Ω` the body stands still, and a joint moves the last link against the grip: an oscillator with the stiffness
-    /// `K >= Ĥ Ω²` and some damping ratio `ζ`. With the bandwidth `ω` and the filter's time constant `τ`, the feedback on its position is at most `Ĥ
-    /// (ω² + 2 ω / τ)`. With `ω <= Ω/5` and `τ = 1/(5 ω)`, that is `11 ω² Ĥ <= 0.44 K`: less than the grip, at any sampling period. A
-    /// sampled feedback drives an oscillator without damping, however weak it is; this one is stable at all natural frequencies and periods
-    /// if `ζ >= 0.3`, which the joints' and the grip's damping provide (computed in the test `a_damped_grip_is_stable_at_any_period`). The filter
-    /// turns the phase at `ω` by 11 degrees.
+    /// `K >= Ĥ Ω²` and some damping ratio `ζ`. With the bandwidth `ω` and the filter's time constant `τ`, the gain of the
+    /// position feedback is at most `Ĥ (ω² + 2 ω / τ)`. With `ω <= Ω/5` and `τ = 1/(5 ω)`, that is `11 ω² Ĥ <= 0.44 K`: less
+    /// than the stiffness of the grip, at any sampling period. Sampled feedback destabilises an undamped oscillator, however
+    /// weak the feedback is; this one is stable at all natural frequencies and periods if `ζ >= 0.3`, which the joints' and the
+    /// grip's damping provide (computed in the test `a_damped_grip_is_stable_at_any_period`). The filter shifts the phase at
+    /// `ω` by 11 degrees.
     ///
     /// # Panics
     /// If `frequency` is not positive.
@@ -141,8 +141,8 @@ impl JointServo {
         self.bandwidth
     }
 
-    /// Efforts \[N m or N\] at `state` for the joints' `duties`, within the joints' limits; `reference` has the motions
-    /// of tracked joints.
+    /// Efforts \[N m or N\] at `state` for the joints' `duties`, within the joints' limits; `reference` holds the
+    /// motions of tracked joints.
     ///
     /// # Panics
     /// If a length does not fit the robot.
@@ -223,7 +223,7 @@ impl JointServo {
     }
 }
 
-/// Completes the accelerations `added` of the joints with given efforts: solves their rows of `Ĥ x = τ`. The other rows
+/// Computes the accelerations `added` of the joints with given efforts: solves their rows of `Ĥ x = τ`. The other rows
 /// become `x = x`.
 fn solve_free_joints(
     inertia: &DMatrix<f64>,
@@ -265,8 +265,8 @@ mod tests {
         Model::from_urdf(xml, "servicer").unwrap()
     }
 
-    // The accelerations are those asked for, on a robot with momentum, and joints with efforts are not disturbed. Would
-    // break with the inertia of a fixed base, or if the coupling between the groups were missing.
+    // The accelerations equal the requested ones, on a robot with momentum, and joints with given efforts are not
+    // disturbed. Fails with the inertia of a fixed base, or without the coupling between the groups.
     #[test]
     fn every_joint_does_its_duty() {
         let model = servicer();
@@ -309,8 +309,9 @@ mod tests {
         }
     }
 
-    /// Spectral radius of the sampled loop: an oscillator of unit stiffness and natural frequency with the damping ratio `zeta`, in which
-    /// a body stands still, under the feedback `-(gain + rate_gain (1 - filter)) x`, held for `phase`; `ratio` is `τ / T`.
+    /// Spectral radius of the sampled loop: an oscillator of unit stiffness and natural frequency with the damping
+    /// ratio `zeta`, on a fixed body, under the feedback `-(gain + rate_gain (1 - filter)) x`, held for `phase`;
+    /// `ratio` is `τ / T`.
     fn spectral_radius(zeta: f64, phase: f64, ratio: f64) -> f64 {
         // ω² Ĥ / K and 2 ω Ĥ / (τ K), with Ω = 5 ω and τ = 1 / (5 ω).
         let (gain, rate_gain) = (1.0 / 25.0, 10.0 / 25.0);
@@ -327,7 +328,7 @@ mod tests {
         );
         let held = (motion * phase).exp();
         let share = -(-1.0 / ratio).exp_m1();
-        // The filter takes the position, then the effort follows, then both are held.
+        // First the filter takes the position, then the effort follows, then both are held.
         let filtered = Vector3::new(share, 0.0, 1.0 - share);
         let effort = Vector3::new(-gain - rate_gain, 0.0, 0.0) + rate_gain * filtered;
         let row = |r: usize| {
@@ -338,7 +339,8 @@ mod tests {
         eigenvalues.iter().fold(0.0, |most, v| v.norm().max(most))
     }
 
-    // Fails if the gains of the servo or the time constant of its filter were larger: the claim of `with_compliance`.
+    // Checks the claim of `with_compliance`: fails if the gains of the servo or the time constant of its filter are
+    // larger.
     #[test]
     fn a_damped_grip_is_stable_at_any_period() {
         let phases = || (1..2000).map(|k| 0.01 * f64::from(k));

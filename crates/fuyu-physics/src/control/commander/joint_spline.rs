@@ -31,8 +31,8 @@ impl Segment {
         }
     }
 
-    /// From a moving joint to a position: the polynomial of [`Segment::linear`], plus what its rate at the start differs
-    /// by, which is gone at the end.
+    /// From a moving joint to a position: the polynomial of [`Segment::linear`], plus a term for the excess of the
+    /// joint's rate at the start, which vanishes at the end.
     pub fn linear_from(start: f64, duration: f64, from: &JointPoint, to: f64) -> Self {
         let T = duration;
         let slope = (to - from.position) / T;
@@ -70,7 +70,7 @@ impl Segment {
     pub fn quintic(start: f64, duration: f64, from: &JointPoint, to: &JointPoint) -> Self {
         let T = duration;
         let (v0, a0) = (from.rate, from.acceleration);
-        // What is left at the end of the parabola that continues the motion at the start.
+        // The remaining difference at the end from the parabola that continues the motion at the start.
         let way = to.position - (from.position + T * (v0 + 0.5 * a0 * T));
         let rate = (to.rate - (v0 + a0 * T)) * T;
         let bend = (to.acceleration - a0) * T * T;
@@ -103,24 +103,23 @@ impl Segment {
     }
 }
 
-/// Positions of all joints of a robot as functions of time. Before its start a joint is where the first polynomial
-/// begins; after the end it rests where the last one ends.
+/// Positions of all joints of a robot as functions of time. Before the start a joint rests at the beginning of its
+/// first polynomial; after the end it rests at the end of its last one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointSpline {
-    /// Of each joint, in order of time.
+    /// Polynomials of each joint, in order of time.
     joints: Vec<Vec<Segment>>,
     end: f64,
 }
 
-/// Largest acceleration with which joints stop that no trajectory moves \[rad/s² or m/s²\], and the shortest time that
-/// they take \[s\].
+/// Largest acceleration \[rad/s² or m/s²\] and shortest time \[s\] for stopping joints that no trajectory moves.
 const STOP: (f64, f64) = (2.0, 0.2);
-/// Shortest time that a joint takes to stop before its position limit \[s\].
+/// Shortest time for stopping a joint before its position limit \[s\].
 const STOP_AT_LIMIT: f64 = 0.02;
 
 impl JointSpline {
     /// Brings joints that are in motion at `time` \[s\] to rest: within 0.2 s, or with at most about 2 rad/s² (m/s²) if
-    /// that takes longer. Joints that would come to a position limit stop sooner. Acceleration is continuous unless the
+    /// that takes longer. Joints that would reach a position limit stop sooner. Acceleration is continuous unless the
     /// present one is too large to end within that time without a detour.
     ///
     /// # Panics
@@ -132,7 +131,7 @@ impl JointSpline {
             "present has one element per joint"
         );
         let fastest = present.iter().map(|p| p.rate.abs()).fold(0.0, f64::max);
-        // The polynomial's largest acceleration is 1.5 of the mean.
+        // The polynomial's largest acceleration is 1.5 times its mean.
         let duration = (1.5 * fastest / STOP.0).max(STOP.1);
         let joints = present.iter().zip(model.joints()).map(|(from, joint)| {
             let room = match from.rate > 0.0 {
@@ -161,8 +160,8 @@ impl JointSpline {
         }
     }
 
-    /// Brings joints `targets` (index, position \[rad or m\]) from their present motion to rest at the positions, and
-    /// the others to rest: no faster than their limits, and with at most about 2 rad/s² (m/s²).
+    /// Brings the joints in `targets` (index, position \[rad or m\]) from their present motion to rest at these
+    /// positions, and the other joints to rest: within their rate limits, and with at most about 2 rad/s² (m/s²).
     pub(super) fn to_rest_at(
         model: &Model,
         time: f64,
@@ -239,7 +238,7 @@ mod tests {
         assert!(off < 1e-12, "{a:?} is not {b:?}");
     }
 
-    // Polynomials of degree 1, 3 and 5 are reproduced exactly from their values at the ends. Would break with any wrong
+    // Polynomials of degree 1, 3 and 5 are reproduced exactly from their values at the ends. Fails with any wrong
     // coefficient.
     #[test]
     fn polynomials_are_reproduced() {
@@ -265,7 +264,7 @@ mod tests {
             let (from, to) = ends(3);
             let cubic = Segment::cubic(start, duration, &from, &to);
             assert_near(cubic.at(start + t), of_degree(3, t));
-            // The cubic polynomial that ends with the mean rate is the one for positions only.
+            // With the mean rate as final rate, the cubic polynomial equals the linear one with a decaying excess.
             let slope = (to.position - from.position) / duration;
             let to = point(to.position, slope, 0.0);
             let same = Segment::cubic(start, duration, &from, &to).at(start + t);
@@ -277,8 +276,8 @@ mod tests {
         }
     }
 
-    // A sample one rounding error before the start is that of the start: time is a multiple of a period that is no
-    // binary number.
+    // A sample one rounding error before the start equals that at the start: time is a multiple of a period that is not
+    // exact in binary.
     #[test]
     fn a_motion_begins_with_its_rate() {
         let xml = include_str!("../../../../../urdf/seven_joints.urdf");

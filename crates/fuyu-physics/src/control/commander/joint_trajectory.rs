@@ -1,4 +1,4 @@
-//! Joint trajectories: waypoints, as a commander sends them, and the splines through them.
+//! Joint trajectories: waypoints from a commander, and splines through them.
 
 use super::joint_spline::{JointPoint, JointSpline, Segment};
 use crate::model::{JointKind, Model};
@@ -24,10 +24,10 @@ pub struct Waypoint {
     pub accelerations: Vec<f64>,
 }
 
-/// What is wrong with a trajectory. Points are counted from 1.
+/// Why a trajectory is refused. Points are counted from 1.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TrajectoryError {
-    /// It names no joint.
+    /// The trajectory names no joint.
     #[error("names no joint; expected some of {known}")]
     NoJoint {
         /// The robot's joints.
@@ -47,7 +47,7 @@ pub enum TrajectoryError {
         /// The name.
         name: String,
     },
-    /// It has no points.
+    /// The trajectory has no points.
     #[error("has no points; give at least one")]
     NoPoint,
     /// A list of a point has the wrong length.
@@ -120,7 +120,7 @@ pub enum TrajectoryError {
         /// Its rate.
         rate: f64,
     },
-    /// It is over already.
+    /// The trajectory is over already.
     #[error(
         "ends at {end:.3} s, but it is {now:.3} s already; leave the stamp zero to start at once"
     )]
@@ -135,16 +135,16 @@ pub enum TrajectoryError {
 /// A checked trajectory of some of a robot's joints.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointTrajectory {
-    /// Indices of its joints.
+    /// Indices of the trajectory's joints.
     joints: Vec<usize>,
     waypoints: Vec<Waypoint>,
 }
 
 impl JointTrajectory {
-    /// A trajectory through `waypoints` of the joints called `names`, in that order.
+    /// A trajectory through `waypoints` of the joints `names`, in the order of the names.
     ///
     /// # Errors
-    /// [`TrajectoryError`] names the first joint, point or value that is wrong.
+    /// [`TrajectoryError`] that names the first invalid joint, point or value.
     pub fn new(
         model: &Model,
         names: &[String],
@@ -175,12 +175,12 @@ impl JointTrajectory {
         Ok(trajectory)
     }
 
-    /// Indices of its joints in the model, in the trajectory's order.
+    /// Indices of the trajectory's joints in the model, in the trajectory's order.
     pub fn joints(&self) -> &[usize] {
         &self.joints
     }
 
-    /// Time from its start to its end \[s\].
+    /// Time from the trajectory's start to its end \[s\].
     pub fn duration(&self) -> f64 {
         self.waypoints.last().map_or(0.0, |last| last.time)
     }
@@ -219,7 +219,7 @@ impl JointTrajectory {
                     });
                 }
                 let is_valid = |v: &f64| v.abs() <= LARGEST;
-                // NaN is not within the limit either.
+                // NaN also violates the limit.
                 if let Some(k) = values.iter().position(|v| !is_valid(v)) {
                     return Err(TrajectoryError::Value {
                         point,
@@ -256,14 +256,14 @@ impl JointTrajectory {
     ///
     /// Between two points the polynomial is quintic if both have accelerations and velocities, cubic if both have
     /// velocities, and otherwise linear, as in ros2_control's joint_trajectory_controller. Points that are not in the
-    /// future are left out: the first polynomial leads from the present motion to the first point that remains, so that
-    /// position and rate are continuous. If the point left out last is at `now`, the first polynomial
-    /// begins with its acceleration. Continuous joints take the shorter way to the first point. Joints that the
-    /// trajectory does not name come to rest.
+    /// future are skipped: the first polynomial leads from the present motion to the first remaining point, so that
+    /// position and rate are continuous. If the last skipped point is at `now`, the first polynomial starts with its
+    /// acceleration. Continuous joints take the shorter way to the first point. Joints that the trajectory does not
+    /// name come to rest.
     ///
     /// # Errors
-    /// [`TrajectoryError::Past`] if no point is in the future, unless the trajectory begins now with its only point: then
-    /// the joints go there no faster than their limits, with at most about 2 rad/s² (m/s²).
+    /// [`TrajectoryError::Past`] if no point is in the future, unless the trajectory starts now with its only point:
+    /// then the joints move there within their rate limits, with at most about 2 rad/s² (m/s²).
     ///
     /// # Panics
     /// If `present` does not have one element per joint of the robot.
@@ -334,7 +334,7 @@ impl JointTrajectory {
     }
 }
 
-/// Whole turns \[rad\] that bring `position` nearest to a joint, if it turns without end.
+/// Whole turns \[rad\] that bring `position` nearest to the joint's present one, for a continuous joint.
 fn turns(kind: JointKind, present: &JointPoint, position: f64) -> f64 {
     let turn = std::f64::consts::TAU;
     match kind {
@@ -343,7 +343,7 @@ fn turns(kind: JointKind, present: &JointPoint, position: f64) -> f64 {
     }
 }
 
-/// Which derivatives a point has.
+/// Which derivatives a point contains.
 #[derive(Debug, Clone, Copy)]
 struct Given {
     rates: bool,

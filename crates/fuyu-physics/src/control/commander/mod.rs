@@ -1,11 +1,11 @@
-//! Motions that a commander (another program) requests: joint trajectories, timed poses of the tip, streamed twists of the
-//! tip; and the servo that tracks them on a free-floating base.
+//! Motions that a commander (another program) requests: joint trajectories, timed poses of the tip, streamed twists of
+//! the tip; and the servo that tracks them on a free-floating base.
 //!
-//! A [`JointTrajectory`] becomes a [`JointSpline`] that starts from the joints' present motion, so that a trajectory
-//! that replaces another one causes no jump. A [`PosePath`] and the twists of a [`TwistServo`] are resolved into joint
-//! rates by a [`TipFollower`], which may use redundant joints to turn the base as little as possible. [`ArmMotion`]
-//! unites the three: at every sample it gives a [`JointPoint`] per joint, and [`JointServo`] computes efforts from it
-//! with the inertia that the joints have on a free base.
+//! A [`JointTrajectory`] becomes a [`JointSpline`] that starts from the joints' present motion, so that replacing one
+//! trajectory by another causes no jump. A [`PosePath`] and the twists of a [`TwistServo`] are resolved into joint
+//! rates by a [`TipFollower`], which can use redundant joints to turn the base as little as possible. [`ArmMotion`]
+//! unites the three: at every sample it gives a [`JointPoint`] per joint, from which [`JointServo`] computes efforts
+//! with the joints' inertia on a free base.
 
 mod arm_motion;
 mod joint_servo;

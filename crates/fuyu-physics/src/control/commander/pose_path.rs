@@ -16,7 +16,7 @@ pub enum PathFrame {
     Base,
 }
 
-/// A pose that the tip is to have at a time.
+/// A desired pose of the tip at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TimedPose {
     /// Time since the start of the path \[s\].
@@ -25,10 +25,10 @@ pub struct TimedPose {
     pub pose: Pose,
 }
 
-/// What is wrong with a path. Poses are counted from 1.
+/// Why a path is refused. Poses are counted from 1.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PathError {
-    /// It has no poses.
+    /// The path has no poses.
     #[error("has no poses; give at least one")]
     NoPose,
     /// A position is not finite or too far away.
@@ -63,7 +63,7 @@ pub enum PathError {
         /// The time before.
         before: f64,
     },
-    /// It is over already.
+    /// The path is over already.
     #[error(
         "ends at {end:.3} s, but it is {now:.3} s already; leave the stamp of the path zero to start at once"
     )]
@@ -86,7 +86,7 @@ impl PosePath {
     /// A path through `poses` in `frame`.
     ///
     /// # Errors
-    /// [`PathError`] names the first pose that is wrong.
+    /// [`PathError`] that names the first invalid pose.
     pub fn new(frame: PathFrame, poses: Vec<TimedPose>) -> Result<Self, PathError> {
         if poses.is_empty() {
             return Err(PathError::NoPose);
@@ -121,22 +121,22 @@ impl PosePath {
         Ok(Self { frame, poses })
     }
 
-    /// Its frame.
+    /// The path's frame.
     pub fn frame(&self) -> PathFrame {
         self.frame
     }
 
-    /// Time from its start to its end \[s\].
+    /// Time from the path's start to its end \[s\].
     pub fn duration(&self) -> f64 {
         self.poses.last().map_or(0.0, |last| last.time)
     }
 
     /// The smooth path whose time zero is `start` \[s\], from the tip's present pose and twist (in the path's frame and
-    /// axes) at `now` \[s\] to rest at the last pose. Poses that are not in the future are left out.
+    /// axes) at `now` \[s\] to rest at the last pose. Poses that are not in the future are skipped.
     ///
     /// Positions are joined by a cubic spline with continuous acceleration. Rotations between two poses follow a cubic
-    /// Hermite curve of the rotation vector, `R = R_i exp([θ×])`, between angular velocities that are the mean of those
-    /// of the neighbouring intervals, each weighted by the length of the other: the angular velocity is continuous.
+    /// Hermite curve of the rotation vector, `R = R_i exp([θ×])`. The angular velocity at a pose is the mean of those of
+    /// the two neighbouring intervals, each weighted by the length of the other, so it is continuous.
     ///
     /// # Errors
     /// [`PathError::Past`] if no pose is in the future.
@@ -188,12 +188,12 @@ impl Knot {
     }
 }
 
-/// Rotation vector from one knot to the next, in the axes of either.
+/// Rotation vector from one knot to the next; its components are the same in the axes of both.
 fn turn(a: &Knot, b: &Knot) -> Vector3<f64> {
     (a.rotation.inverse() * b.rotation).scaled_axis()
 }
 
-/// Velocities at the inner knots with which acceleration is continuous; those at the ends are given (the clamped cubic
+/// Sets the velocities at the inner knots for continuous acceleration; those at the ends are given (clamped cubic
 /// spline).
 fn set_velocities(knots: &mut [Knot]) {
     let last = knots.len() - 1;
@@ -243,7 +243,7 @@ impl PoseSpline {
         self.frame
     }
 
-    /// When the tip arrives at the last pose \[s\].
+    /// Time of the tip's arrival at the last pose \[s\].
     pub fn end(&self) -> f64 {
         self.knots[self.knots.len() - 1].time
     }
@@ -275,7 +275,7 @@ impl PoseSpline {
     }
 }
 
-/// The cubic Hermite curve over an interval `h` at its part `s`, and its rate.
+/// The cubic Hermite curve over an interval `h` at its fraction `s`, and its rate.
 fn hermite(
     a: &Vector3<f64>,
     b: &Vector3<f64>,
@@ -292,7 +292,7 @@ fn hermite(
     (value, rate)
 }
 
-/// Angular velocity of `R_0 exp([θ×])` in its own axes, from the rate of `θ`: the right differential of the exponential
+/// Angular velocity of `R_0 exp([θ×])` in body axes, from the rate of `θ`: the right differential of the exponential
 /// map, the inverse of [`rotation_vector_rate`].
 fn body_rate(theta: &Vector3<f64>, rate: &Vector3<f64>) -> Vector3<f64> {
     let square = theta.norm_squared();
@@ -349,7 +349,7 @@ mod tests {
         }
     }
 
-    // Turning at a constant rate about a fixed axis is reproduced between inner knots; poses are met; and the angular
+    // A constant-rate rotation about a fixed axis is reproduced between inner knots; poses are reached; and the angular
     // velocity is the derivative of the attitude and continuous.
     #[test]
     fn angular_velocity_is_continuous_and_the_derivative_of_attitude() {

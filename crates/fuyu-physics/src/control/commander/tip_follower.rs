@@ -11,16 +11,15 @@ use crate::spatial::{Pose, Twist};
 
 /// Rate at which deviations of the tip decay \[1/s\].
 const GAIN: f64 = 10.0;
-/// Time constant with which joint motion ends that the tip leaves free \[s\]: it does not stop at once when another
-/// motion begins.
+/// Time constant with which redundant joint motion decays \[s\]: it does not stop at once when another motion starts.
 const FADING: f64 = 0.5;
 
-/// The part of free joint motion that is left after `dt` \[s\].
+/// The fraction of redundant joint motion that remains after `dt` \[s\].
 pub(super) fn faded(dt: f64) -> f64 {
     (-dt / FADING).exp()
 }
 
-/// The robot's base, as the follower needs it.
+/// State of the robot's base, as the follower needs it.
 #[derive(Debug, Clone, Copy)]
 pub struct BaseState {
     /// Pose in the world.
@@ -30,7 +29,7 @@ pub struct BaseState {
 }
 
 impl BaseState {
-    /// Of a `state` whose positions `workspace` has.
+    /// The base at `state`, whose positions `workspace` must hold.
     pub fn of(state: &State, workspace: &Workspace) -> Self {
         Self {
             X_WB: state.X_WB(workspace),
@@ -40,8 +39,8 @@ impl BaseState {
 }
 
 /// Integrates joint rates with which the tip follows a pose and a twist: closed-loop inverse kinematics, `V = V_D + k
-/// e` with the pose error `e` (B. Siciliano et al., Robotics, section 3.7). The base's actual pose and momentum enter,
-/// so that the tip stays on a path in the world while the base drifts.
+/// e` with the pose error `e` (B. Siciliano et al., Robotics, section 3.7). It uses the base's actual pose and
+/// momentum, so that the tip stays on a path in the world while the base drifts.
 #[derive(Debug, Clone)]
 pub struct TipFollower {
     resolver: TipResolver,
@@ -53,7 +52,7 @@ pub struct TipFollower {
 }
 
 impl TipFollower {
-    /// Begins with the joints' motion `present`.
+    /// Starts with the joints' motion `present`.
     ///
     /// # Panics
     /// If `present` does not have one element per joint.
@@ -88,9 +87,9 @@ impl TipFollower {
         }
     }
 
-    /// Advances by `dt` \[s\] towards the pose `X_FD` that the tip should have now, with the twist `V_F` that it should
-    /// have meanwhile, both in `frame` and its axes. What the tip leaves free follows the joint rates `preferred`;
-    /// without, it comes to rest. Writes the joints' motion of the step.
+    /// Advances by `dt` \[s\] towards the desired present pose `X_FD` of the tip, with its desired twist `V_F`, both in
+    /// `frame` and its axes. Redundant joint motion follows the joint rates `preferred`; without them it comes to rest.
+    /// Writes the joints' motion of the step.
     pub fn follow(
         &mut self,
         base: &BaseState,
@@ -131,7 +130,7 @@ impl TipFollower {
         self.advance(dt, out);
     }
 
-    /// Slows all joints down together so that none is faster than its limit.
+    /// Slows all joints down by the same factor so that none exceeds its rate limit.
     fn limit(&mut self) {
         let parts = self.rates.iter().zip(&self.limits);
         let most = parts
@@ -140,7 +139,7 @@ impl TipFollower {
         self.rates /= most;
     }
 
-    /// Advances the positions with the mean of the rates before and now.
+    /// Advances the positions with the mean of the previous and the present rates.
     fn advance(&mut self, dt: f64, out: &mut [JointPoint]) {
         for (j, point) in out.iter_mut().enumerate() {
             let (before, now) = (self.before[j], self.rates[j]);
@@ -153,7 +152,7 @@ impl TipFollower {
         }
     }
 
-    /// Advances by `dt` \[s\] with the joint rates that `resolve` writes, from positions and rates now.
+    /// Advances by `dt` \[s\] with the joint rates that `resolve` writes for the present positions and rates.
     pub(super) fn drive(
         &mut self,
         dt: f64,
@@ -165,7 +164,7 @@ impl TipFollower {
         self.advance(dt, out);
     }
 
-    /// Puts each joint where `motion` says.
+    /// Sets each joint's position and rate to those of `motion`.
     pub(super) fn place(&mut self, motion: impl Fn(usize) -> JointPoint) {
         for j in 0..self.q.len() {
             let point = motion(j);

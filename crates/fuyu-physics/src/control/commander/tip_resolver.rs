@@ -1,4 +1,4 @@
-//! Joint rates for a twist of the tip, with the least reaction of the base.
+//! Resolver: joint rates for a twist of the tip, with the least reaction on the base.
 
 use nalgebra::{DMatrix, DVector, Matrix6xX, Vector3, Vector6};
 
@@ -9,44 +9,44 @@ use crate::dynamics::{Momentum, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::{Pose, Twist};
 
-/// Singular value, of Jacobian rows of unit length, below which a direction is damped: of the tip's motion, and of the
-/// base's reaction. The latter gives way earlier, where joint motion without reaction would have to be fast.
+/// Singular values, for Jacobian rows of unit length, below which a direction is damped: for the tip's motion, and for
+/// the base's reaction. The latter is damped earlier, where reactionless joint motion would have to be fast.
 const DAMPING: (f64, f64) = (0.02, 0.1);
 /// Distance from a position limit at which a joint no longer moves towards it \[rad or m\].
 const MARGIN: f64 = 0.01;
 
-/// What of the tip's motion is kept.
+/// Which part of the tip's motion is prescribed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum KeptTip {
     /// Position and attitude.
     #[default]
     Pose,
-    /// Position only: an arm with six joints or more has three left.
+    /// Position only: three degrees of freedom remain for an arm with six joints, more for others.
     Position,
 }
 
-/// Joint motion that the tip leaves free.
+/// Redundant joint motion, which the tip leaves free.
 #[derive(Debug, Clone, Copy)]
 pub struct FreeMotion<'a> {
-    /// Joint rates that it approaches as far as the tasks leave it free.
+    /// Desired joint rates, which are approached as far as the tasks allow.
     pub preferred: &'a DVector<f64>,
-    /// Joint rates before this step.
+    /// Joint rates of the previous step.
     pub before: &'a DVector<f64>,
-    /// The part of the base's angular velocity by `before` that is left where least reaction is wanted, so that a
-    /// motion that begins with more of it does not jump.
+    /// The fraction of the base's angular velocity due to `before` that is kept in a task of least reaction, so that a
+    /// motion that starts with more of it does not jump.
     pub faded: f64,
 }
 
-/// Resolves twists of the tip into joint rates: the tip's motion first; then, if wanted, the least angular velocity of
-/// the base; then the joint rates nearest to given ones.
+/// Resolves twists of the tip into joint rates: first the tip's motion; then, if requested, the least angular velocity
+/// of the base; then the joint rates nearest to given ones.
 ///
 /// The tasks are `J q̇ = v`, with the generalized Jacobian (Masutani 1995 eq. (4.34)) for motion in inertial space and
-/// that of the fixed base for motion relative to it, and `H_A q̇ = 0` with the angular rows of the base map, eq.
+/// the fixed-base Jacobian for motion relative to the base, and `H_A q̇ = 0` with the angular rows of the base map, eq.
 /// (4.23): joint motion in the null space of this coupling does not turn the base (the reaction null space; D. Nenchev,
 /// K. Yoshida and M. Uchiyama, Reaction null-space based control of flexible structure mounted manipulator systems, CDC
-/// 1996). Each task is solved by least squares in the null space of those before it ([`TaskPriority`], here in the
-/// metric of joint rates), and the motion without reaction gives way where it would be too fast. Momentum of the robot
-/// is taken into account. Joints at a position limit take no part in motion that would lead them beyond it.
+/// 1996). Each task is solved by least squares in the null space of the previous ones ([`TaskPriority`], here in the
+/// metric of joint rates); the reactionless motion is damped where it would be too fast. Momentum of the robot is taken
+/// into account. Joints at a position limit take no part in motion that would lead them beyond it.
 #[derive(Debug, Clone)]
 pub struct TipResolver {
     tip: Frame,
@@ -63,15 +63,15 @@ pub struct TipResolver {
     base_map: Matrix6xX<f64>,
     rows: Rows,
     preferred: DVector<f64>,
-    /// Angular velocity of the base that is wanted, in the first three elements \[rad/s\].
+    /// Wanted angular velocity of the base, in the first three elements \[rad/s\].
     base_rate: Vector6<f64>,
     zero: DVector<f64>,
     blocked: Vec<bool>,
 }
 
 impl TipResolver {
-    /// For the frame `tip`. With `least_reaction`, joint motion that `kept` leaves free turns the base as little as
-    /// possible.
+    /// A resolver for the frame `tip`. With `least_reaction`, joint motion that `kept` leaves free turns the base as
+    /// little as possible.
     pub fn new(model: &Model, tip: &Frame, kept: KeptTip, least_reaction: bool) -> Self {
         let n = model.dof();
         Self {
@@ -94,13 +94,13 @@ impl TipResolver {
         }
     }
 
-    /// The same, but joints at a position limit still take part: the caller slows them down.
+    /// The same resolver, but joints at a position limit still take part: the caller must slow them down.
     pub fn without_limits(mut self) -> Self {
         self.avoids_limits = false;
         self
     }
 
-    /// Part of the tip's motion that is prescribed.
+    /// The prescribed part of the tip's motion.
     pub fn kept(&self) -> KeptTip {
         self.kept
     }
@@ -132,8 +132,9 @@ impl TipResolver {
         Twist::new(part(3), part(0))
     }
 
-    /// Largest singular value of the Jacobian over its smallest at positions `q`; angular rows count with 1 m. Infinite
-    /// in a singular position. With fewer than six joints the tip's motion within their reach counts.
+    /// Ratio of the largest singular value of the Jacobian to its smallest at positions `q`; angular rows are scaled by
+    /// 1 m. Infinite in a singular position. With fewer than six joints, only the tip's motion within their reach
+    /// counts.
     pub fn condition(&mut self, q: &DVector<f64>, frame: PathFrame) -> f64 {
         self.set(q, frame, &Momentum::default());
         if self.kept == KeptTip::Position {
@@ -148,7 +149,7 @@ impl TipResolver {
         principal.weakest(1) / least
     }
 
-    /// Sets the Jacobian at positions `q`; returns the twist of the tip (linear part first) while the joints rest.
+    /// Sets the Jacobian at positions `q`; returns the twist of the tip (linear part first) for joints at rest.
     fn set(&mut self, q: &DVector<f64>, frame: PathFrame, momentum_B: &Momentum) -> Vector6<f64> {
         let workspace = &mut self.workspace;
         workspace.set_positions(q);
@@ -191,7 +192,7 @@ impl TipResolver {
             wanted.fixed_rows_mut::<3>(3).fill(0.0);
         }
         self.blocked.fill(false);
-        // Every pass but the last blocks a joint.
+        // Every pass except the last blocks a joint.
         for _ in 0..=q.len() {
             self.solve(&wanted, free.preferred, rates);
             if !self.avoids_limits || !self.block(q, rates) {
@@ -225,7 +226,7 @@ impl TipResolver {
         self.limit_free_motion(rates);
     }
 
-    /// Keeps that part of the motion that the tip leaves free with which no joint is faster than its limit.
+    /// Scales redundant motion so that no joint exceeds its rate limit.
     fn limit_free_motion(&self, rates: &mut DVector<f64>) {
         let mut part: f64 = 1.0;
         for (j, joint) in self.model.joints().iter().enumerate() {
@@ -249,7 +250,7 @@ impl TipResolver {
         }
     }
 
-    /// Blocks the joints at a limit that `rates` would lead beyond it. Returns whether there is another one.
+    /// Blocks the joints at a limit that `rates` would lead beyond it. Returns whether an additional joint was blocked.
     fn block(&mut self, q: &DVector<f64>, rates: &DVector<f64>) -> bool {
         let mut is_changed = false;
         for (j, joint) in self.model.joints().iter().enumerate() {

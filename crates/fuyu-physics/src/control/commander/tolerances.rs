@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::joint_spline::JointPoint;
 
-/// Largest deviations of a joint; zero is not checked.
+/// Largest deviations of a joint; those that are zero are not checked.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct StateTolerance {
     /// Of the position \[rad or m\].
@@ -18,15 +18,15 @@ pub struct StateTolerance {
 /// Tolerances of a trajectory, one element per joint of the trajectory.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TrajectoryTolerances {
-    /// While the joints move.
+    /// Tolerances during the motion.
     pub path: Vec<StateTolerance>,
-    /// At the end.
+    /// Tolerances at the end.
     pub goal: Vec<StateTolerance>,
-    /// How long after the end of the trajectory the goal may be reached \[s\]; zero is any time.
+    /// Time allowed after the end of the trajectory to reach the goal \[s\]; zero is unlimited.
     pub goal_time: f64,
 }
 
-/// What deviates.
+/// The deviating quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
     /// The position.
@@ -52,7 +52,7 @@ impl fmt::Display for Quantity {
 pub struct Violation {
     /// Index of the joint in the trajectory.
     pub joint: usize,
-    /// What deviates.
+    /// The deviating quantity.
     pub quantity: Quantity,
     /// The deviation.
     pub error: f64,
@@ -60,12 +60,12 @@ pub struct Violation {
     pub tolerance: f64,
 }
 
-/// How far a trajectory is.
+/// Progress of a trajectory.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Progress {
-    /// It moves, or waits for its goal.
+    /// The trajectory is running, or waits for its goal.
     Running,
-    /// It has reached its goal.
+    /// The trajectory has reached its goal.
     Succeeded,
     /// A tolerance of the path is violated.
     PathViolated(Violation),
@@ -82,13 +82,13 @@ pub struct GoalMonitor {
 }
 
 impl GoalMonitor {
-    /// For a trajectory that ends at `end` \[s\].
+    /// A monitor for a trajectory that ends at `end` \[s\].
     pub fn new(tolerances: TrajectoryTolerances, end: f64) -> Self {
         Self { tolerances, end }
     }
 
-    /// The state at `time` \[s\], with the `errors` (desired less actual) of the trajectory's joints. The tolerances of
-    /// the path count before the end, those of the goal from then on.
+    /// The progress at `time` \[s\], with the `errors` (desired minus actual) of the trajectory's joints. The
+    /// tolerances of the path apply before the end, those of the goal from the end on.
     pub fn progress(&self, time: f64, errors: &[JointPoint]) -> Progress {
         if time < self.end - 1e-9 {
             return match violation(errors, &self.tolerances.path) {
@@ -126,7 +126,7 @@ fn violation(errors: &[JointPoint], tolerances: &[StateTolerance]) -> Option<Vio
                 ),
             ];
             let violated = checked.into_iter().find(|(_, error, tolerance)| {
-                // NaN is not within the tolerance either.
+                // NaN also violates the tolerance.
                 let is_within = error.abs() <= *tolerance;
                 *tolerance > 0.0 && !is_within
             });
@@ -165,7 +165,7 @@ mod tests {
         GoalMonitor::new(tolerances, 5.0)
     }
 
-    // Would break if a tolerance of zero were checked, or that of another joint.
+    // Fails if a tolerance of zero is checked, or that of another joint.
     #[test]
     fn the_path_is_checked_before_the_end() {
         let monitor = monitor(0.0);

@@ -11,7 +11,7 @@ use crate::control::{RateLimits, limit_twist};
 use crate::model::{Frame, Model};
 use crate::spatial::Twist;
 
-/// How far ahead it is found out whether a motion leads towards a singular position \[s\].
+/// Look-ahead time for detecting motion towards a singular position \[s\].
 const LOOK_AHEAD: f64 = 0.1;
 
 /// Settings of [`TwistServo`]. Names and defaults of the first four are those of MoveIt Servo.
@@ -21,9 +21,9 @@ pub struct TwistServoConfig {
     pub incoming_command_timeout: f64,
     /// Condition number of the Jacobian above which the tip slows down.
     pub lower_singularity_threshold: f64,
-    /// Condition number at which it halts.
+    /// Condition number at which the tip halts.
     pub hard_stop_singularity_threshold: f64,
-    /// For motion away from a singular position the range between the thresholds is longer by this factor.
+    /// Factor by which the range between the thresholds is longer for motion away from a singular position.
     pub leaving_singularity_threshold_multiplier: f64,
     /// Largest speed of the tip \[m/s\].
     pub max_linear_speed: f64,
@@ -79,40 +79,40 @@ impl TwistServoConfig {
 /// Axes in which a twist is given.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TwistAxes {
-    /// Of a frame with this attitude in the world.
+    /// Axes of a frame with this attitude in the world.
     World(UnitQuaternion<f64>),
-    /// Of a frame of the robot.
+    /// Axes of a frame of the robot.
     Robot(Frame),
 }
 
-/// How the servo treats the last twist.
+/// State of the servo.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TwistStatus {
     /// The tip moves as commanded.
     Following,
     /// No twist for too long: the joints are halted.
     Silent,
-    /// It slows down on the way to a singular position.
+    /// The tip slows down on the way to a singular position.
     Approaching,
-    /// It has halted before a singular position.
+    /// The tip has halted before a singular position.
     Halted,
-    /// It slows down on the way out of a singular position.
+    /// The tip is slower on the way out of a singular position.
     Leaving,
-    /// The joint of this index slows it down before its position limit.
+    /// The joint with this index slows the tip down before its position limit.
     JointBound(usize),
-    /// The joint of this index is at its rate limit: the tip is slower than commanded.
+    /// The joint with this index is at its rate limit: the tip is slower than commanded.
     RateLimit(usize),
-    /// The twist exceeds the largest speeds and is cut.
+    /// The twist exceeds the largest speeds and is reduced.
     TooFast,
 }
 
-/// Moves the tip with streamed twists: the velocity of the tip's origin and its angular velocity, in inertial space, in
-/// the axes of any frame.
+/// Moves the tip with streamed twists: velocity of the tip's origin and angular velocity, in inertial space, with
+/// components in the axes of any frame.
 ///
-/// Conventions are those of MoveIt Servo: the frame gives the axes only, the point is the tip's origin; a twist acts
-/// for `incoming_command_timeout`, then the joints are halted; near singular positions the twist is scaled by `1 - (κ -
-/// κ_l)/(κ_h - κ_l)` with the condition number `κ` of the Jacobian, between the two thresholds, with a longer range for
-/// motion that leaves them; near position limits the joints slow down together.
+/// Conventions are those of MoveIt Servo: the frame gives the axes only, and the reference point is the tip's origin; a
+/// twist acts for `incoming_command_timeout`, then the joints are halted; near singular positions the twist is scaled
+/// by `1 - (κ - κ_l)/(κ_h - κ_l)` with the condition number `κ` of the Jacobian, between the two thresholds, with a
+/// longer range for motion that leaves them; near position limits all joints slow down by the same factor.
 #[derive(Debug, Clone)]
 pub struct TwistServo {
     config: TwistServoConfig,
@@ -128,9 +128,9 @@ pub struct TwistServo {
 }
 
 impl TwistServo {
-    /// Begins with the joints' motion of `follower`, without a twist yet. Its resolver should not avoid joint limits
-    /// ([`TipResolver::without_limits`]): the servo slows the joints down together instead, which keeps the tip's
-    /// direction.
+    /// Starts with the joints' motion of `follower`, without a twist yet. Its resolver should not avoid joint limits
+    /// ([`TipResolver::without_limits`]): the servo slows all joints down by the same factor instead, which keeps the
+    /// tip's direction.
     pub fn new(model: &Model, follower: TipFollower, config: TwistServoConfig) -> Self {
         Self {
             limits: RateLimits::new(model, config.max_joint_rate, config.max_joint_acceleration),
@@ -145,12 +145,12 @@ impl TwistServo {
         }
     }
 
-    /// A twist in `axes` arrives at `time` \[s\].
+    /// Takes a twist in `axes` that arrives at `time` \[s\].
     pub fn command(&mut self, axes: TwistAxes, twist: Twist, time: f64) {
         (self.axes, self.twist, self.since) = (axes, twist, time);
     }
 
-    /// What the servo does.
+    /// State of the servo.
     pub fn status(&self) -> TwistStatus {
         self.status
     }
@@ -219,7 +219,7 @@ fn in_base_axes(
     Twist::new(R_BA * twist.angular, R_BA * twist.linear)
 }
 
-/// The part of `rates` that the nearness of a singular position leaves, and why; `None` for all of it.
+/// Fraction of `rates` allowed near a singular position, and the reason; `None` for no reduction.
 fn slow_down(
     config: &TwistServoConfig,
     resolver: &mut TipResolver,
@@ -247,10 +247,10 @@ fn slow_down(
     match (part > 0.0, is_approaching) {
         (true, _) => Some((part, reason)),
         (false, true) => Some((0.0, TwistStatus::Halted)),
-        // Motion that leaves the singular position stays possible.
+        // Motion that leaves the singular position remains possible.
         (false, false) => Some((LEAST_LEAVING, reason)),
     }
 }
 
-/// Least part of a twist that leaves a singular position.
+/// Least fraction of a twist that leaves a singular position.
 const LEAST_LEAVING: f64 = 0.1;

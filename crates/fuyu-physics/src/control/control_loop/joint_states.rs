@@ -1,4 +1,4 @@
-//! Joint states that wait for their answer.
+//! Queue of joint states that have not been answered yet.
 
 use std::collections::VecDeque;
 
@@ -6,7 +6,7 @@ use nalgebra::DVector;
 
 use super::Stamp;
 
-/// Joint states kept; the oldest is dropped when one more arrives.
+/// Largest number of queued joint states; the oldest is dropped when one more arrives.
 const CAPACITY: usize = 64;
 
 /// Positions and rates of the joints at one time.
@@ -49,14 +49,14 @@ impl JointStates {
         }
     }
 
-    /// Takes the newest one and drops the others.
+    /// Takes the newest sample and drops the others.
     pub fn take_newest(&mut self) -> Option<JointSample> {
         let newest = self.waiting.pop_back();
         self.clear();
         newest
     }
 
-    /// Takes the oldest one with this stamp and drops those with earlier stamps; later ones stay.
+    /// Takes the oldest sample with this stamp and drops those with earlier stamps; later ones stay.
     pub fn take_at(&mut self, stamp: Stamp) -> Option<JointSample> {
         while let Some(oldest) = self.waiting.front() {
             if oldest.stamp > stamp {
@@ -71,7 +71,7 @@ impl JointStates {
         None
     }
 
-    /// Gives back a sample that was taken, so that its memory is used again.
+    /// Returns a sample that was taken, so that its memory is reused.
     pub fn give_back(&mut self, sample: JointSample) {
         if self.free.len() + self.waiting.len() < CAPACITY {
             self.free.push(sample);

@@ -26,26 +26,26 @@ use crate::spatial::Pose;
 /// Settings of a [`ControlLoop`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ControlLoopConfig {
-    /// Largest difference between the stamps of a measurement and of the joint state that is answered \[s\].
+    /// Largest difference between the stamp of a measurement and that of the joint state being answered \[s\].
     pub timeout: f64,
-    /// Whether every joint state waits for the measurements of its own stamp. The goal's angular velocity is not used
-    /// then: an estimator publishes when it has finished, so runs would not be reproducible.
+    /// Whether every joint state waits for the measurements with its own stamp. The goal's angular velocity is then not
+    /// used: an estimator publishes it at unpredictable times, so runs would not be reproducible.
     pub lockstep: bool,
-    /// Whether the delay of the efforts is compensated ([`ControlLoop::add_command_delay`]): the law has the joint state, and the
-    /// base's angular velocity, that are predicted for the time at which its efforts act. Until delays have been measured,
-    /// and where the loop would not be stable, efforts are zero ([`DelayStatus`]). Tips and goals are predicted for that time,
-    /// too: [`Prediction::None`] is taken for [`Prediction::Latency`]. The prediction is that of a robot whose
-    /// links are rigid and form no closed loops.
+    /// Whether the delay of the efforts is compensated ([`ControlLoop::add_command_delay`]): the law then gets the
+    /// joint state, and the base's angular velocity, predicted for the time at which its efforts act. Until delays have
+    /// been measured, and if the loop would not be stable, efforts are zero ([`DelayStatus`]). Tips and goals are
+    /// predicted for the same time: [`Prediction::None`] is replaced by [`Prediction::Latency`]. The prediction assumes
+    /// rigid links without closed loops.
     pub compensates_delay: bool,
 }
 
 /// A controller with its inputs. A step allocates no memory; queues are bounded.
 ///
-/// A [`Controller`] evaluates its law for one consistent [`Measurement`]. Real inputs arrive separately, late, or not at
-/// all. A [`ControlLoop`] combines such inputs into a consistent measurement: it pairs tip and goal poses by stamp, keeps the
-/// newest sample of every input, decides by the age of a sample whether it may be used, and defines the fallback for it. It
-/// reads no clock: the time of a step is the stamp of the joint state that it answers. The controller node and
-/// `fuyu simulate` run this same loop.
+/// A [`Controller`] evaluates its law for one consistent [`Measurement`]. Real inputs arrive separately, late, or not
+/// at all. A [`ControlLoop`] combines such inputs into a consistent measurement: it pairs tip and goal poses by stamp,
+/// keeps the newest sample of every input, decides by the age of a sample whether it may be used, and defines the
+/// fallback without it. It reads no clock: the time of a step is the stamp of the joint state being answered. The
+/// controller node and `fuyu simulate` run this same loop.
 ///
 /// # Rules
 /// - **Pairing.** A tip pose and a goal pose with equal stamps are one camera measurement, in any order of arrival.
@@ -69,10 +69,10 @@ pub struct ControlLoopConfig {
 /// | delay of the efforts not known yet, or not stable with it, if it is to be compensated | efforts are zero |
 ///
 /// Zero angular momentum is the fallback for the gyro because it follows the arm: a free-floating base turns mostly by
-/// reaction to the joints, which the encoders measure now, whereas the last gyro sample describes a joint motion that has
-/// ended. It neglects the rotation due to the momentum itself, `H_B⁻¹ L`. Over a camera latency `T` the predicted
-/// attitude errs by `T H_B⁻¹ L`: with latency compensation a small constant offset of the goal. The tip stays under
-/// control, which would be lost with damping alone. Laws that hold the base's attitude no longer see it drift.
+/// reaction to the joints, which the encoders measure now, whereas the last gyro sample describes a joint motion that
+/// has ended. The fallback neglects the rotation due to the momentum itself, `H_B⁻¹ L`. Over a camera latency `T` the
+/// predicted attitude errs by `T H_B⁻¹ L`: with latency compensation a small constant offset of the goal. The tip stays
+/// under control, which would be lost with damping alone. Laws that hold the base's attitude no longer see it drift.
 #[derive(Debug)]
 pub struct ControlLoop {
     controller: Controller,
@@ -80,7 +80,7 @@ pub struct ControlLoop {
     future_limit: FutureLimit,
     joint_states: JointStates,
     tips: Vec<TipInput>,
-    /// Measurements of the second and further tips in this step.
+    /// Measurements of the second and further tips for this step.
     more_tips: Vec<Option<TipMeasurement>>,
     gyro: Newest<Vector3<f64>>,
     goal_rate: Newest<GoalRate>,
@@ -134,8 +134,8 @@ impl ControlLoop {
         control_loop
     }
 
-    /// Where delays are compensated, the law uses a predicted joint state. So tip and base must be predicted to the same time, even
-    /// if the configuration asks for no prediction.
+    /// If delays are compensated, the law uses a predicted joint state. Tip and base must then be predicted for the
+    /// same time, even if the configuration requests no prediction.
     fn predict_if_delays_are_compensated(&mut self) {
         let has_none = self.controller.config().prediction == Prediction::None;
         if self.config.compensates_delay && has_none {
@@ -156,7 +156,7 @@ impl ControlLoop {
     /// Changes law or gains: see [`Controller::set_config`].
     ///
     /// # Errors
-    /// [`ConfigError`] when they do not fit the robot; nothing has changed then.
+    /// [`ConfigError`] if the settings do not fit the robot; nothing has then changed.
     pub fn set_controller_config(&mut self, config: ControllerConfig) -> Result<(), ConfigError> {
         self.controller.set_config(config)?;
         self.predict_if_delays_are_compensated();
@@ -171,11 +171,11 @@ impl ControlLoop {
         &self.efforts
     }
 
-    /// Adds a joint state: positions `q` \[rad or m\] and rates `qd` \[rad/s or m/s\] in the model's order. One with an
-    /// earlier stamp than the last starts another run.
+    /// Adds a joint state: positions `q` \[rad or m\] and rates `qd` \[rad/s or m/s\] in the model's order. An earlier
+    /// stamp than the last one starts another run.
     ///
     /// # Errors
-    /// [`InputError`] when a vector has a wrong length or a value that is not finite; it is not added.
+    /// [`InputError`] if a vector has a wrong length or a value that is not finite; the joint state is then not added.
     pub fn add_joint_state(
         &mut self,
         stamp: Stamp,
@@ -206,7 +206,7 @@ impl ControlLoop {
     /// Adds a camera measurement of a tip: its pose in the base frame at the exposure `stamp`. Tip 0 is the first.
     ///
     /// # Errors
-    /// [`InputError`] says why the pose is refused.
+    /// [`InputError`] if the pose is refused.
     pub fn add_tip_pose(&mut self, tip: usize, stamp: Stamp, X_BE: Pose) -> Result<(), InputError> {
         let input = self.tip_input(tip, "tip pose", stamp, &X_BE)?;
         input.poses.push_first(stamp, X_BE);
@@ -217,7 +217,7 @@ impl ControlLoop {
     /// Adds a camera measurement of a tip's goal: its pose in the base frame at the exposure `stamp`.
     ///
     /// # Errors
-    /// [`InputError`] says why the pose is refused.
+    /// [`InputError`] if the pose is refused.
     pub fn add_goal_pose(
         &mut self,
         tip: usize,
@@ -233,7 +233,7 @@ impl ControlLoop {
     /// Adds a gyro measurement: the angular velocity of the base in base axes \[rad/s\].
     ///
     /// # Errors
-    /// [`InputError`] says why the sample is refused.
+    /// [`InputError`] if the sample is refused.
     pub fn add_gyro(&mut self, stamp: Stamp, w_WB_B: Vector3<f64>) -> Result<(), InputError> {
         finite("angular_velocity", w_WB_B.as_slice())?;
         self.future_limit.check(stamp)?;
@@ -241,11 +241,10 @@ impl ControlLoop {
         Ok(())
     }
 
-    /// Adds an estimate of how the first tip's goal turns: its angular velocity in the base axes of that time
-    /// \[rad/s\].
+    /// Adds an estimate of the angular velocity of the first tip's goal, in the base axes of that time \[rad/s\].
     ///
     /// # Errors
-    /// [`InputError`] says why the sample is refused.
+    /// [`InputError`] if the sample is refused.
     pub fn add_goal_rate(&mut self, stamp: Stamp, w_WD_B: Vector3<f64>) -> Result<(), InputError> {
         finite("the goal's angular velocity", w_WD_B.as_slice())?;
         self.future_limit.check(stamp)?;
@@ -261,7 +260,7 @@ impl ControlLoop {
     /// acted. Ignored if delays are not compensated.
     ///
     /// # Errors
-    /// [`InputError`] when it is negative or not finite.
+    /// [`InputError`] if the delay is negative or not finite.
     pub fn add_command_delay(&mut self, delay: f64) -> Result<(), InputError> {
         let what = "the delay of a command";
         finite(what, &[delay])?;
@@ -274,12 +273,12 @@ impl ControlLoop {
         Ok(())
     }
 
-    /// Drops the joint states that wait, without answering them. Measurements stay.
+    /// Drops the queued joint states without answering them. Measurements are kept.
     pub fn skip(&mut self) {
         self.joint_states.clear();
     }
 
-    /// Drops all inputs and starts the controller again with its settings, for another run.
+    /// Drops all inputs and restarts the controller with its settings, for another run.
     pub fn restart(&mut self) {
         self.joint_states.clear();
         self.tips.iter_mut().for_each(TipInput::clear);
@@ -292,8 +291,8 @@ impl ControlLoop {
         self.controller.restart();
     }
 
-    /// Answers the joint state that is due, if one is; [`ControlLoop::efforts`] are the answer. In lockstep several may be
-    /// due: call this until it returns `None`.
+    /// Answers the joint state that is due, if there is one, and updates [`ControlLoop::efforts`]. In lockstep several
+    /// may be due: call this until it returns `None`.
     pub fn step(&mut self) -> Option<LoopReport> {
         let state = self.next_joint_state()?;
         let report = self.answer(&state);

@@ -15,7 +15,7 @@ impl<T> Default for Newest<T> {
 }
 
 impl<T> Newest<T> {
-    /// Takes `value` unless it is older than the one held. A sample with the same stamp replaces the one held.
+    /// Takes `value` unless it is older than the present sample. A sample with the same stamp replaces the present one.
     pub fn offer(&mut self, stamp: Stamp, value: T) {
         if self.stamp().is_none_or(|held| stamp >= held) {
             self.held = Some((stamp, value));
@@ -26,7 +26,7 @@ impl<T> Newest<T> {
         self.held.as_ref().map(|(stamp, _)| *stamp)
     }
 
-    /// The sample, if its stamp and `now` differ by at most `timeout` \[s\], and how old it is.
+    /// Status and age of the sample, and the sample itself if its stamp and `now` differ by at most `timeout` \[s\].
     pub fn at(&self, now: Stamp, timeout: f64) -> (InputStatus, Option<&T>) {
         match &self.held {
             None => (InputStatus::Missing, None),
@@ -55,13 +55,13 @@ impl<T> Newest<T> {
     }
 }
 
-/// The latest stamp that is accepted: a sample may overtake its joint state, but one that is stamped much later belongs
-/// to another run or another clock.
+/// The latest accepted stamp: a sample may be ahead of its joint state, but a much later stamp belongs to another run
+/// or another clock.
 #[derive(Debug)]
 pub(super) struct FutureLimit {
     /// Stamp of the newest joint state.
     pub newest: Option<Stamp>,
-    /// How far ahead of it samples may be \[s\].
+    /// How far ahead of this stamp samples may be \[s\].
     pub timeout: f64,
 }
 

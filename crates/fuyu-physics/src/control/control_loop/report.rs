@@ -16,7 +16,7 @@ pub struct LoopReport {
     pub tip: InputStatus,
     /// Camera measurement of the second tip; `None` for a robot with one tip.
     pub second_tip: Option<InputStatus>,
-    /// Gyro of the base. Unless it was used, the base's angular velocity is that of zero angular momentum.
+    /// Gyro of the base. Unless it was used, the base's angular velocity assumes zero angular momentum.
     pub gyro: InputStatus,
     /// Estimated angular velocity of the goal.
     pub goal_rate: InputStatus,
@@ -27,7 +27,7 @@ pub struct LoopReport {
 /// Origin of the efforts of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ControlMode {
-    /// Those of the law.
+    /// Efforts of the law.
     Law,
     /// Damping of the joints, `-K_V q̇`: the law lacks a measurement or has no efforts.
     DampingOnly,
@@ -97,7 +97,7 @@ pub enum InputError {
     /// The stamp is later than that of the newest joint state by more than the timeout: another clock or another run.
     #[error("stamp is {ahead:.2} s after the newest joint state; at most {timeout} s is accepted")]
     TooFarAhead {
-        /// By how much it is later \[s\].
+        /// Lead over the newest joint state \[s\].
         ahead: f64,
         /// The timeout \[s\].
         timeout: f64,

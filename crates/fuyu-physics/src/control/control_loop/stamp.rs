@@ -2,8 +2,8 @@
 
 const NANOS_PER_SECOND: i64 = 1_000_000_000;
 
-/// When something was measured: whole nanoseconds on the clock that all inputs of a [`ControlLoop`](super::ControlLoop)
-/// share, from the start of a simulation or from the Unix epoch. Integers, so that equal stamps compare equal.
+/// Time of a measurement: whole nanoseconds on the common clock of all inputs of a [`ControlLoop`](super::ControlLoop),
+/// from the start of a simulation or from the Unix epoch. An integer, so that equal stamps compare equal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Stamp(i64);
 
@@ -25,12 +25,12 @@ impl Stamp {
 
     /// In seconds \[s\].
     pub fn as_secs_f64(self) -> f64 {
-        // Whole seconds and the rest are converted separately: this rounds less at Unix times.
+        // Whole seconds and the remainder are converted separately, which reduces rounding at Unix times.
         (self.0 / NANOS_PER_SECOND) as f64
             + (self.0 % NANOS_PER_SECOND) as f64 / NANOS_PER_SECOND as f64
     }
 
-    /// Seconds from `earlier` to this stamp \[s\]; negative if this one is the earlier.
+    /// Seconds from `earlier` to this stamp \[s\]; negative if this stamp is earlier.
     pub fn seconds_since(self, earlier: Self) -> f64 {
         Self(self.0.saturating_sub(earlier.0)).as_secs_f64()
     }

@@ -2,12 +2,12 @@
 
 use std::collections::VecDeque;
 
-/// Samples of each source kept until their partner arrives.
+/// Largest number of samples of each source that wait for a partner.
 const CAPACITY: usize = 64;
 
-/// Pairs samples of two sources that carry the same stamp, in whichever order they arrive. A sample without a partner
-/// (which was lost, or has another stamp) delays nothing: it is dropped when a later pair is found, or when 64 newer
-/// samples of its source have arrived. Memory is taken once, by [`StampPairs::default`].
+/// Pairs samples of two sources with equal stamps, in any order of arrival. A sample without a partner (lost, or with
+/// another stamp) delays nothing: it is dropped when a later pair is found, or when 64 newer samples of its source have
+/// arrived. Memory is allocated once, by [`StampPairs::default`].
 ///
 /// `S` is the type of the stamps: [`Stamp`](super::Stamp), or a message's own.
 #[derive(Debug)]
@@ -36,8 +36,8 @@ impl<S: Copy + PartialEq, A, B> StampPairs<S, A, B> {
         push(&mut self.second, stamp, sample);
     }
 
-    /// Removes the pair whose first sample arrived earliest, and drops all samples that arrived before either of its
-    /// two.
+    /// Removes the pair whose first sample arrived earliest, and drops all samples that arrived before either sample of
+    /// the pair.
     pub fn pop(&mut self) -> Option<(S, A, B)> {
         let (i, j) = self.first.iter().enumerate().find_map(|(i, (stamp, _))| {
             Some((i, self.second.iter().position(|(other, _)| other == stamp)?))

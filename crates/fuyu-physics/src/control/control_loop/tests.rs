@@ -108,7 +108,7 @@ fn the_newest_stamp_counts_whatever_arrives_last() {
     see(&mut run, 0.9, 0.2).unwrap();
     let report = step(&mut run, 1.1);
     assert!(near(error(&report), 0.1), "{report:?}");
-    // A stamp that is sent again replaces what was sent before.
+    // A repeated stamp replaces the earlier sample.
     see(&mut run, 1.0, 0.3).unwrap();
     assert!(near(error(&step(&mut run, 1.1)), 0.3));
     // Only the newest joint state is answered.
@@ -134,11 +134,12 @@ fn stale_measurements_leave_damping() {
     assert_eq!(step(&mut run, 1.75).mode, ControlMode::Law);
 }
 
-// A pose may overtake its joint state; one of another clock or another run must not be acted on, nor keep later ones out.
+// A pose may be ahead of its joint state; a pose of another clock or another run must not be used, nor block later
+// ones.
 #[test]
 fn stamps_ahead_of_the_joint_state_are_used_within_the_timeout_only() {
     let mut run = control_loop(false);
-    // Before the first joint state there is nothing to compare with.
+    // Before the first joint state there is no time to compare with.
     see(&mut run, 1e9, 0.2).unwrap();
     run.add_gyro(at(1e9), Vector3::x()).unwrap();
     let report = step(&mut run, 1.0);
@@ -178,7 +179,7 @@ fn time_that_jumps_back_starts_another_run() {
     };
     let first = answers(&mut run);
     assert_eq!(answers(&mut run), first);
-    // Nothing measured before is left: not even a pose that waits for its partner.
+    // No earlier measurement remains: not even a pose that waits for its partner.
     let X_BE = tip(&run);
     run.add_tip_pose(0, at(0.5), X_BE).unwrap();
     run.add_joint_state(at(0.0), &Q, &QD).unwrap();
@@ -191,7 +192,8 @@ fn time_that_jumps_back_starts_another_run() {
     );
 }
 
-/// Efforts at 1 s with a camera frame of 0.2 s before, the arm having moved since, and gyro samples until `gyro_until` \[s\].
+/// Efforts at 1 s with a camera frame from 0.2 s before, since when the arm has moved, and gyro samples until
+/// `gyro_until` \[s\].
 fn efforts_with_gyro_until(gyro_until: f64, w: Vector3<f64>) -> (DVector<f64>, InputStatus) {
     let mut run = predicting(Prediction::Latency, false);
     let mut status = InputStatus::Missing;
@@ -209,7 +211,7 @@ fn efforts_with_gyro_until(gyro_until: f64, w: Vector3<f64>) -> (DVector<f64>, I
     (run.efforts().clone(), status)
 }
 
-// Breaks when the last sample of a gyro that has fallen silent is used for ever.
+// Fails if the last sample of a gyro that has stopped is used for ever.
 #[test]
 fn without_a_recent_gyro_sample_angular_momentum_is_taken_to_be_zero() {
     let turning = Vector3::new(0.0, 0.0, 0.5);
@@ -218,11 +220,11 @@ fn without_a_recent_gyro_sample_angular_momentum_is_taken_to_be_zero() {
     let (always, used) = efforts_with_gyro_until(1.0, turning);
     assert!(matches!(used, InputStatus::Used { age } if age == 0.0));
     assert!((&always - &never).amax() > 0.1, "{always} {never}");
-    // The last 0.2 s, over which the frame is carried to the present, are without gyro.
+    // Without gyro over the last 0.2 s, in which the frame is extrapolated to the present.
     let (lost, stale) = efforts_with_gyro_until(0.25, turning);
     assert!(matches!(stale, InputStatus::Stale { age } if (age - 0.75).abs() < 1e-9));
     assert!((&lost - &never).amax() < 1e-9, "{lost} {never}");
-    // Within the timeout the last sample counts.
+    // Within the timeout the last sample is used.
     let (late, used) = efforts_with_gyro_until(0.75, turning);
     assert!(used.is_used());
     assert!((&late - &always).amax() < 1e-9, "{late} {always}");

@@ -126,7 +126,7 @@ fn an_unreachable_goal_is_an_error_and_the_joints_are_damped() {
     }
 }
 
-/// Efforts that step at a change, a difference that does not decay, or damping that jumps break this.
+/// Fails if efforts step at a change, if a difference does not decay, or if damping jumps.
 #[test]
 fn changed_settings_take_over_without_a_jump() {
     let mut controller = planar(LawKind::TransposeJacobian);
@@ -380,7 +380,7 @@ fn measurements_that_are_not_finite_are_refused_by_name() {
         let error = controller.update(&measurement).unwrap_err();
         assert!(error.to_string().starts_with(message), "{error}");
         assert_eq!(controller.efforts().as_slice(), efforts, "{message}");
-        // Nothing of it remains.
+        // No value of the refused measurement remains.
         let mut fresh = planar(LawKind::TransposeJacobian);
         for controller in [&mut controller, &mut fresh] {
             controller.restart();

@@ -1,4 +1,4 @@
-//! Closed loops of the servicer whose efforts act late.
+//! Closed loops of the servicer with delayed efforts.
 
 use nalgebra::DVector;
 
@@ -36,14 +36,14 @@ fn control_loop(compensates_delay: bool, gain: f64) -> ControlLoop {
     ControlLoop::new(controller, settings)
 }
 
-/// A servicer whose efforts act `delay` late; its actuators give `actuator` times what is commanded.
+/// A servicer whose efforts act `delay` late; its actuators give `actuator` times the commanded effort.
 struct Plant {
     integrator: Integrator,
     workspace: Workspace,
     state: State,
     delay: f64,
     actuator: f64,
-    /// Efforts, and when they act.
+    /// Commanded efforts, with the times at which they act.
     coming: VecDeque<(f64, DVector<f64>)>,
     acting: DVector<f64>,
     /// Largest joint rate so far \[rad/s\].
@@ -127,8 +127,8 @@ fn fastest(delay: f64, compensates: bool, actuator: f64) -> (f64, f64) {
     (plant.fastest, error)
 }
 
-// Would break if the state were predicted by a wrong time, or with efforts that do not act then: the joint rates would
-// grow, as they do without compensation.
+// Fails if the state is predicted by a wrong time, or with efforts that do not act then: the joint rates would grow, as
+// they do without compensation.
 #[test]
 fn efforts_that_act_late_are_as_good_as_prompt_ones() {
     let (prompt, end) = fastest(0.0, false, 1.0);
@@ -152,7 +152,7 @@ fn efforts_that_act_late_are_as_good_as_prompt_ones() {
     }
 }
 
-// Would break if the limit left no room for a model that is wrong by as much as it promises.
+// Fails if the limit leaves no room for the model error that it allows.
 #[test]
 fn a_model_that_is_wrong_by_a_fifth_does() {
     let (prompt, _) = fastest(0.0, false, 1.0);
@@ -184,7 +184,7 @@ fn the_limit_with_a_wrong_model_is_that_of_the_recursion() {
     }
 }
 
-// Would break if the arm moved before the delay is known, or with one that the loop does not bear.
+// Fails if the arm moves before the delay is known, or with a delay for which the loop is unstable.
 #[test]
 fn efforts_are_zero_until_the_delay_is_known_and_beyond_the_limit() {
     let mut plant = Plant::new(0.04, 1.0);
@@ -213,7 +213,7 @@ fn efforts_are_zero_until_the_delay_is_known_and_beyond_the_limit() {
     );
 }
 
-// Would break if delays that vary by more than the gains bear were taken for known.
+// Fails if delays that vary by more than the gains allow are accepted as known.
 #[test]
 fn a_delay_that_varies_is_refused() {
     let mut control_loop = control_loop(true, 1.0);

@@ -12,7 +12,7 @@ const CAPACITY: usize = 2000;
 /// Largest interval between samples over which the motion is interpolated \[s\].
 const MAX_GAP: f64 = 0.5;
 
-/// Base and tip at one time, by gyro and encoders.
+/// State of base and tip at one time, from gyro and encoders.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::control) struct BaseState {
     /// Time \[s\].
@@ -23,7 +23,7 @@ pub(in crate::control) struct BaseState {
     pub p_IB: Vector3<f64>,
     /// Angular velocity of the base, base axes \[rad/s\].
     pub w_IB_B: Vector3<f64>,
-    /// Tip pose by the encoders.
+    /// Tip pose from the encoders.
     pub X_BE: Pose,
 }
 
@@ -37,9 +37,9 @@ impl BaseState {
     }
 }
 
-/// The last seconds of the base's motion in I, the frame that does not rotate and moves with the system's centre
-/// of mass. Its axes are those of the base at the first sample. They drift slowly with the gyro, which has no effect
-/// because only differences over a sensor's latency are used.
+/// The last seconds of the base's motion in I, the non-rotating frame at the system's centre of mass. Its axes are
+/// those of the base at the first sample. They drift slowly with the gyro, without effect, because only differences
+/// over a sensor's latency are used.
 #[derive(Debug, Clone)]
 pub(in crate::control) struct BaseMotion {
     samples: VecDeque<BaseState>,
@@ -54,10 +54,10 @@ impl Default for BaseMotion {
 }
 
 impl BaseMotion {
-    /// Adds the sample at `time` \[s\]. `w_IB_B` is the gyro's measurement \[rad/s\], `p_BC` the system's centre of
-    /// mass and `X_BE` the tip in the base frame, by the encoders. Attitude is integrated by the fourth-order
-    /// Magnus expansion for a linearly changing rate. A jump in time, back or over a gap, starts a new frame I;
-    /// returns whether it did.
+    /// Adds the sample at `time` \[s\]: `w_IB_B` is the gyro's measurement \[rad/s\]; `p_BC`, the system's centre of
+    /// mass, and `X_BE`, the tip in the base frame, are from the encoders. Attitude is integrated by the fourth-order
+    /// Magnus expansion for a linearly changing rate. A jump back in time or a gap starts a new frame I; returns
+    /// whether it did.
     pub fn advance(
         &mut self,
         time: f64,
@@ -98,8 +98,7 @@ impl BaseMotion {
         self.samples.back()
     }
 
-    /// Base and tip at `time` \[s\], linearly interpolated; `None` for a time before the first sample or
-    /// after the last.
+    /// State of base and tip at `time` \[s\], linearly interpolated; `None` before the first or after the last sample.
     pub fn at(&self, time: f64) -> Option<BaseState> {
         const SLACK: f64 = 1e-6;
         let (first, last) = (self.samples.front()?, self.samples.back()?);

@@ -14,10 +14,10 @@ pub struct GoalMotionConfig {
     pub attitude_noise: f64,
     /// Root of the spectral density of the goal's jerk \[m/s^2.5\]: how fast its acceleration may change.
     pub jerk: f64,
-    /// The same of the attitude \[rad/s^2.5\].
+    /// Root of the spectral density of the angular jerk \[rad/s^2.5\].
     pub angular_jerk: f64,
-    /// Standard deviation of each component of an externally estimated angular velocity \[rad/s\];
-    /// zero: it is not used.
+    /// Standard deviation of each component of an externally estimated angular velocity \[rad/s\]; with zero, such
+    /// estimates are not used.
     pub rate_noise: f64,
 }
 
@@ -52,7 +52,7 @@ impl GoalMotionConfig {
 /// Standard deviations of speed and acceleration before two frames are seen \[m/s, m/s²; rad/s, rad/s²\].
 const PRIOR: (f64, f64) = (0.1, 0.01);
 
-/// Gate of the filter, in standard deviations: larger deviations are not noise.
+/// Gate of the filter, in standard deviations; larger deviations are outliers.
 const GATE: f64 = 8.0;
 
 /// The goal at one time, in I.
@@ -62,7 +62,7 @@ pub(super) struct GoalState {
     pub X_ID: Pose,
     /// Angular velocity and velocity of its origin, axes of I.
     pub V_ID_I: Twist,
-    /// Rate of change of that twist.
+    /// Rate of change of the twist.
     pub A_ID_I: Twist,
 }
 
@@ -70,8 +70,8 @@ pub(super) struct GoalState {
 /// free rotation has smooth accelerations; over a latency of a fraction of a second, a constant
 /// acceleration leaves an error of `w³ r t³/6`, micrometres for a goal that a servicer can follow.
 ///
-/// Measurement noise is equal in all directions, so one 3 × 3 covariance serves the three coordinates of the
-/// position, and one those of the attitude (whose error is a small rotation in the axes of I).
+/// Measurement noise is isotropic, so one 3 × 3 covariance holds for all three coordinates of the position, and one for
+/// all three of the attitude (whose error is a small rotation in the axes of I).
 #[derive(Debug, Clone)]
 pub(super) struct GoalMotion {
     config: GoalMotionConfig,
@@ -95,7 +95,7 @@ struct Estimate {
 }
 
 impl GoalMotion {
-    /// Without any measurement yet.
+    /// A filter without measurements.
     pub fn new(config: GoalMotionConfig) -> Self {
         Self {
             config,
@@ -109,14 +109,14 @@ impl GoalMotion {
         self.config = config;
     }
 
-    /// Forgets the goal.
+    /// Discards the goal.
     pub fn clear(&mut self) {
         self.estimate = None;
         self.outliers = 0;
     }
 
-    /// Adds the goal's pose in I at `time` \[s\]. One frame outside the gate is assumed to be a fault of the
-    /// sensor; after two in a row the estimate starts again, with another goal.
+    /// Adds the goal's pose in I at `time` \[s\]. A single frame outside the gate is treated as a sensor fault; after
+    /// two in a row the estimate restarts, with another goal.
     pub fn add_pose(&mut self, time: f64, X_ID: &Pose) {
         let Some(estimate) = self.estimate.filter(|estimate| time >= estimate.time) else {
             self.begin(time, X_ID);
@@ -204,7 +204,7 @@ impl GoalMotion {
 impl Estimate {
     fn moved(&self, dt: f64) -> Self {
         let half = 0.5 * dt * dt;
-        // Magnus: the angular velocity at the two ends is w and w + α dt.
+        // Magnus expansion: the angular velocity at the two ends is w and w + α dt.
         let turn =
             self.w * dt + self.alpha * half - self.w.cross(&self.alpha) * (dt * dt * dt / 12.0);
         Self {
@@ -245,8 +245,8 @@ impl Estimate {
     }
 }
 
-/// Kalman gain for a measurement of `row` times (value, rate, acceleration) with the standard deviation `noise`; updates the
-/// covariance in Joseph's form.
+/// Kalman gain for a measurement of `row` times (value, rate, acceleration) with the standard deviation `noise`;
+/// updates the covariance in Joseph's form.
 fn correct(P: &mut Matrix3<f64>, row: &RowVector3<f64>, noise: f64) -> Vector3<f64> {
     let cross = *P * row.transpose();
     let r = noise * noise;

@@ -7,10 +7,10 @@ use nalgebra::Vector3;
 use super::{BaseMotion, BaseState, GoalMotion, GoalMotionConfig};
 use crate::spatial::{Pose, Twist};
 
-/// How the age of the camera measurements is compensated.
+/// Compensation of the age of the camera measurements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Prediction {
-    /// Not at all: tip and goal are assumed to be where they were measured.
+    /// No compensation: tip and goal are assumed to be where they were measured.
     #[default]
     None,
     /// The motion of tip and base since the exposure is added; the goal is assumed to be at rest.
@@ -37,12 +37,12 @@ pub struct TipPrediction {
     pub X_BD: Pose,
     /// Twist of the goal in I, with its origin's velocity relative to the system's centre of mass; base axes.
     pub V_ID_B: Twist,
-    /// Rate of change of that twist in I, base axes.
+    /// Rate of change of the goal's twist in I, base axes.
     pub A_ID_B: Twist,
 }
 
 impl TipPrediction {
-    /// Tip and goal where they were measured, the goal at rest.
+    /// Tip and goal at their measured poses, the goal at rest.
     pub fn at_rest(X_BE: Pose, X_BD: Pose) -> Self {
         Self {
             X_BE,
@@ -53,23 +53,23 @@ impl TipPrediction {
     }
 }
 
-/// Time over which differences between camera and encoders are averaged \[s\]: they are errors of the kinematics,
-/// which are constant.
+/// Time over which differences between camera and encoders are averaged \[s\]; they are constant errors of the
+/// kinematics.
 const AVERAGING_TIME: f64 = 10.0;
 
-/// Frames that may wait to be evaluated: 10 s at 100 Hz, longer than the filter of the goal's motion remembers.
+/// Largest number of frames that wait for evaluation: 10 s at 100 Hz, longer than the memory of the goal filter.
 const MAX_WAITING: usize = 1000;
 
 /// Extrapolates camera measurements of one tip and its goal to the present.
 ///
-/// Frames are evaluated when a prediction is asked for. Without any they only wait, which costs a small part of it, and
-/// the first prediction evaluates those of the last seconds.
+/// Frames are evaluated when a prediction is requested. Without requests they only wait, which costs little, and the
+/// first prediction evaluates the frames of the last seconds.
 #[derive(Debug, Clone)]
 pub(in crate::control) struct Predictor {
     base: BaseMotion,
     goal: GoalMotion,
     last: Option<LastFrame>,
-    /// Frames that were not evaluated yet, oldest first.
+    /// Frames that have not been evaluated yet, oldest first.
     waiting: VecDeque<Frame>,
 }
 
@@ -86,14 +86,15 @@ struct Frame {
 struct LastFrame {
     time: f64,
     X_ID: Pose,
-    /// Tip pose of the camera relative to that of the encoders, averaged: an error of the kinematics, in the tip's axes.
+    /// Tip pose from the camera relative to that from the encoders, averaged: an error of the kinematics, in the tip's
+    /// axes.
     X_EE: Pose,
     /// Number of frames so far.
     count: f64,
 }
 
 impl Predictor {
-    /// Without any measurement yet.
+    /// A predictor without measurements.
     pub fn new(config: GoalMotionConfig) -> Self {
         Self {
             base: BaseMotion::default(),
@@ -112,15 +113,15 @@ impl Predictor {
     /// Adds the motion of the base up to the present: see [`BaseMotion::advance`].
     pub fn advance(&mut self, time: f64, w_IB_B: &Vector3<f64>, p_BC: &Vector3<f64>, X_BE: &Pose) {
         if self.base.advance(time, w_IB_B, p_BC, X_BE) {
-            // The estimates refer to the previous frame I.
+            // The estimates refer to the old frame I.
             self.goal.clear();
             self.last = None;
             self.waiting.clear();
         }
     }
 
-    /// Adds a camera frame that was exposed at `time` \[s\]. Frames must come in the order of time; one from
-    /// before the first joint state is dropped.
+    /// Adds a camera frame that was exposed at `time` \[s\]. Frames must be in the order of time; a frame from before
+    /// the first joint state is dropped.
     pub fn add_frame(&mut self, time: f64, X_BE: &Pose, X_BD: &Pose) {
         let waiting = self.waiting.back().map(|frame| frame.time);
         let last = waiting.or(self.last.map(|last| last.time));
@@ -179,8 +180,8 @@ impl Predictor {
         self.base.last()
     }
 
-    /// Tip and goal at the present, the goal at rest relative to the system's centre of mass or with its estimated
-    /// motion. `None` before the first frame.
+    /// Tip and goal at the present time; the goal is at rest relative to the system's centre of mass, or has its
+    /// estimated motion. `None` before the first frame.
     pub fn predict(&mut self, prediction: Prediction) -> Option<TipPrediction> {
         self.evaluate_waiting();
         let (now, frame) = (self.base.last()?, self.last.as_ref()?);

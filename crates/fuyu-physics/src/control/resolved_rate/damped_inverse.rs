@@ -4,7 +4,7 @@ use nalgebra::{Matrix6, Matrix6xX, SymmetricEigen, U6, Vector6};
 
 /// The principal directions of a Jacobian at the tip.
 pub struct Principal {
-    /// Eigenvectors of `J Jᵀ`, and squares of singular values.
+    /// Eigenvectors of `J Jᵀ`, and the squared singular values.
     eigen: SymmetricEigen<f64, U6>,
 }
 

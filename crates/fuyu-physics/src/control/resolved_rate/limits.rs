@@ -13,9 +13,9 @@ pub fn limit_twist(V: &Twist, linear: f64, angular: f64) -> (Twist, bool) {
     (shorter, factor < 1.0)
 }
 
-/// Limits of the joints' motion. Those of rate and position scale the whole vector of rates, so that the tip slows down but
-/// keeps its direction. That of the acceleration moves from the last rates towards the new ones; close to a position limit
-/// it may be exceeded.
+/// Limits of the joints' motion. Limits of rate and position scale the whole vector of rates, so that the tip slows
+/// down but keeps its direction. The acceleration limit moves from the last rates towards the new ones; it may be
+/// exceeded close to a position limit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RateLimits {
     /// Largest rate of each joint \[rad/s or m/s\].
@@ -36,7 +36,7 @@ pub struct Limited {
 }
 
 impl RateLimits {
-    /// The limits of `model`'s joints, none faster than `rate`.
+    /// The limits of `model`'s joints, with rates of at most `rate`.
     pub fn new(model: &Model, rate: f64, acceleration: f64) -> Self {
         let joints = model.joints().iter();
         Self {
@@ -113,7 +113,7 @@ mod tests {
         assert_eq!(limit_twist(&V, 5.0, 1.0), (V, false));
     }
 
-    // Limits that act joint by joint would change the ratio.
+    // Limits that act on each joint separately would change the ratio.
     #[test]
     fn joints_slow_down_together() {
         let model = model(LIMIT);
@@ -135,7 +135,7 @@ mod tests {
         assert!((rates - DVector::from_row_slice(&[-0.1, -0.06])).norm() < 1e-15);
     }
 
-    // The position limit comes last: it would be broken if the acceleration limit had the last word.
+    // The position limit has priority: applied after it, the acceleration limit would violate it.
     #[test]
     fn position_limits_come_before_the_acceleration() {
         let model = model(LIMIT);

@@ -17,7 +17,7 @@ use crate::{
 
 /// Method that resolves a twist of the tip into joint rates: the four of Masutani 1995 section 8.3.
 ///
-/// With a generalized Jacobian the command is the tip's motion in inertial space, with a fixed-base one its motion
+/// With a generalized Jacobian the command is the tip's motion in inertial space, with a fixed-base Jacobian its motion
 /// relative to the base. Inverses move the tip as commanded. Transposes only give its velocity a positive component
 /// along the command, but are defined in singular postures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,7 +41,7 @@ impl Resolution {
         ("transpose_fixed_base", Self::TransposeFixedBase),
     ];
 
-    /// The Jacobian that it uses.
+    /// The Jacobian of the method.
     pub fn jacobian(self) -> JacobianKind {
         match self {
             Self::InverseGeneralized | Self::TransposeGeneralized => JacobianKind::Generalized,
@@ -49,7 +49,7 @@ impl Resolution {
         }
     }
 
-    /// Whether it inverts that Jacobian.
+    /// Whether the method inverts its Jacobian.
     pub fn inverts(self) -> bool {
         matches!(self, Self::InverseGeneralized | Self::InverseFixedBase)
     }
@@ -66,7 +66,7 @@ pub struct ResolvedRateConfig {
     pub characteristic_length: f64,
     /// Singular value of the (scaled) Jacobian below which a direction is damped \[m\].
     pub damping_threshold: f64,
-    /// Gain `k` of the transposes \[1/m²\]; the thesis has one.
+    /// Gain `k` of the transposes \[1/m²\]; 1 in the thesis.
     pub transpose_gain: f64,
 }
 
@@ -93,10 +93,10 @@ pub struct Resolved {
 
 /// Resolves twists of one tip.
 ///
-/// Inverses are `q̇ = Jᵀ (J Jᵀ + Λ)⁻¹ v` with the Jacobian's commanded rows, angular ones times
+/// Inverses are `q̇ = Jᵀ (J Jᵀ + Λ)⁻¹ v` with the Jacobian's commanded rows, the angular ones multiplied by
 /// [`ResolvedRateConfig::characteristic_length`]. This is the least-norm solution for redundant joints and the
-/// least-squares one for too few. `Λ` damps each principal direction separately: not where its singular value `σ` is
-/// above the threshold `ε`, by `λ² = (ε² - σ²)/4` below. So directions far from singular are exact, rates change
+/// least-squares solution for too few. `Λ` damps each principal direction separately: by zero if its singular value `σ`
+/// is above the threshold `ε`, otherwise by `λ² = (ε² - σ²)/4`. So directions far from singular are exact, rates change
 /// continuously, and their norm is at most `2/√3 |v|/ε`.
 #[derive(Debug, Clone)]
 pub struct ResolvedRate {
@@ -107,7 +107,7 @@ pub struct ResolvedRate {
 }
 
 impl ResolvedRate {
-    /// For `model` with its tip at `tip`.
+    /// A resolver for `model` with its tip at `tip`.
     pub fn new(model: &Model, tip: &Frame, config: ResolvedRateConfig) -> Self {
         Self {
             config,
@@ -122,7 +122,7 @@ impl ResolvedRate {
     }
 
     /// Writes joint rates \[rad/s or m/s\] for the twist `V_B` of the tip's origin, in base axes. `workspace` is
-    /// scratch: its positions are set here from the encoders' `q`.
+    /// scratch, whose positions are set here to the encoders' `q`.
     pub fn rates(
         &mut self,
         model: &Model,

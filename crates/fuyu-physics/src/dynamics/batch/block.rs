@@ -10,7 +10,7 @@ use crate::dynamics::{Dissipated, Momentum, State};
 pub(super) struct Block {
     pub(super) time: F64x8,
     pub(super) work: F64x8,
-    /// By damping, friction, stops, speed limits.
+    /// Energy dissipated by damping, friction, stops, speed limits.
     dissipated: [F64x8; 4],
     pub(super) q: Vec<F64x8>,
     pub(super) qd: Vec<F64x8>,
@@ -24,7 +24,7 @@ pub(super) struct Block {
 }
 
 impl Block {
-    /// Eight times `state`, without efforts.
+    /// Eight copies of `state`, without efforts.
     pub(super) fn repeating(state: &State) -> Self {
         let zeros = vec![F64x8::ZERO; state.q.len()];
         let mut block = Self {

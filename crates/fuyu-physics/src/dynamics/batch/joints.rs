@@ -1,5 +1,5 @@
-//! Steps of single states of a batch, for robots that lanes do not compute together: with damping, friction or limits of
-//! joints, or with mimic joints.
+//! Steps of single states of a batch, where SIMD lanes cannot step states together: robots with damping, friction or
+//! limits of joints, or with mimic joints.
 
 use super::block::{Block, put, read};
 use super::{Forced, Piece, Setup, Task};
@@ -9,8 +9,8 @@ use crate::dynamics::{Input, Integrator, JointPhysics, State, Tableau, Workspace
 use crate::model::Model;
 
 impl JointSteps {
-    /// Which steps of a batch are taken state by state. With mimic joints all are: lanes know only joints that move
-    /// independently.
+    /// Which steps of a batch are taken state by state. With mimic joints, all steps: the lanes support only joints
+    /// that move independently.
     pub(super) fn of_batch(
         model: &Model,
         tableau: &'static Tableau,
@@ -51,7 +51,8 @@ impl JointScratch {
         }
     }
 
-    /// Repeats the step of those lanes of `block` that reached a limit; `index` is the number of its first state in its piece.
+    /// Repeats the step in the lanes of `block` that reached a limit. `index` is the number of the block's first state
+    /// in its piece.
     pub(super) fn correct(
         &mut self,
         block: &mut Block,
@@ -76,7 +77,7 @@ impl JointScratch {
         }
     }
 
-    /// Steps `self.state` under the efforts of a lane, and writes it there.
+    /// Steps `self.state` under the efforts of a lane, and writes the result to the lane.
     fn step(
         &mut self,
         block: &mut Block,
@@ -108,7 +109,7 @@ impl JointScratch {
         block.set_state(lane, &self.state);
     }
 
-    /// Accelerations of `self.state` under the efforts of a lane, and writes them there.
+    /// Computes the accelerations of `self.state` under the efforts of a lane, and writes them to the lane.
     fn accelerate(&mut self, block: &mut Block, lane: usize) {
         read(&block.efforts, lane, self.input.efforts.as_mut_slice());
         (self.integrator).evaluate(&self.state, &mut self.workspace, &self.input);
@@ -121,7 +122,7 @@ impl JointScratch {
 }
 
 impl Piece<'_> {
-    /// The task, state by state.
+    /// Executes the task state by state.
     pub(super) fn run_one_by_one(self, forced: &mut Option<Forced>) {
         let Some(joints) = &mut self.scratch.joints else {
             return;

@@ -1,7 +1,7 @@
-//! Steps of a group of states of a batch: as many as a register has lanes.
+//! SIMD steps of a group of states of a batch, one state per lane of a register.
 //!
-//! Every lane is computed with the operations of [`Integrator`](crate::dynamics::Integrator), in the same order, so its
-//! result is bit-identical. Where the integrator calls nalgebra, the functions below repeat nalgebra's operations.
+//! Every lane performs the operations of [`Integrator`](crate::dynamics::Integrator) in the same order, so its result
+//! is bit-identical. Where the integrator calls nalgebra, the functions below repeat nalgebra's operations.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use pulp::Simd;
@@ -30,7 +30,7 @@ pub(super) struct LaneStepper<S: Simd> {
     links: Vec<LinkScratch<Lanes<S>>>,
     subtrees: Vec<SubtreeMomentum<Lanes<S>>>,
     rates: Vec<StageRate<S>>,
-    /// Rates of positions and rates of all joints, stage by stage.
+    /// Rates of joint positions and joint rates, stage by stage.
     joint_rates: Vec<[Lanes<S>; 2]>,
     /// The stage's states, for a forcing.
     stage: Block,
@@ -68,8 +68,8 @@ impl<S: Simd> LaneStepper<S> {
         }
     }
 
-    /// The task for the states of a block from lane `first` on; `index` is the number of the block's first state in its
-    /// piece of the batch.
+    /// Executes the task for the states of a block from lane `first` on. `index` is the number of the block's first
+    /// state in its piece of the batch.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn run(
         &mut self,
@@ -137,7 +137,7 @@ impl<S: Simd> LaneStepper<S> {
         self.finish_step(block, first, now, dt);
     }
 
-    /// Positions and rates of the block into the links.
+    /// Copies positions and rates of the block to the links.
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn set_joints(&mut self, block: &Block, first: usize) {
         for (j, link) in self.links[1..].iter_mut().enumerate() {
@@ -167,7 +167,7 @@ impl<S: Simd> LaneStepper<S> {
         }
     }
 
-    /// Accelerations at the links' positions and rates. Returns the base's angular velocity, base axes.
+    /// Computes the accelerations at the links' positions and rates. Returns the base's angular velocity, base axes.
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn evaluate(
         &mut self,
@@ -193,7 +193,7 @@ impl<S: Simd> LaneStepper<S> {
         tree.to_base_frame(w)
     }
 
-    /// The states of the next stage, or of the end of the step, and the rotation vectors since its start.
+    /// Computes the states of the next stage, or of the end of the step, and the rotation vectors since its start.
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn advance(
         &mut self,
@@ -233,7 +233,7 @@ impl<S: Simd> LaneStepper<S> {
         (next, turned)
     }
 
-    /// Velocity of the centre of mass, which nothing changes within a step.
+    /// Velocity of the centre of mass, constant within a step.
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn com_rate(&self, block: &Block, first: usize, mass: f64) -> Vec3<Lanes<S>> {
         let mut rates = [F64x8::ZERO; 3];
@@ -245,7 +245,7 @@ impl<S: Simd> LaneStepper<S> {
         self.load(&rates, 0)
     }
 
-    /// Stores the stage's states, a time `dt` after those of `block`, for a forcing.
+    /// Stores the stage's states, a time `dt` after those of `block`, for the forcing.
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn store_stage(&mut self, block: &Block, first: usize, now: BaseState<S>, dt: f64) {
         for (j, link) in self.links[1..].iter().enumerate() {
@@ -401,7 +401,7 @@ fn rows<S: Simd>(attitude: Quat<Lanes<S>>) -> [F64x8; 4] {
     [i, j, k, w]
 }
 
-/// Whether the square of an angle is too large for the series.
+/// Whether the squared angle is too large for the series.
 #[cfg_attr(not(debug_assertions), inline(always))]
 fn is_far(square: f64) -> bool {
     square > SERIES_LIMIT || square.is_nan()
@@ -419,7 +419,7 @@ fn turn_far(from: &[F64x8; 4], u: &[F64x8; 3], into: &mut [F64x8; 4]) {
     }
 }
 
-/// The rate of the rotation vector in those lanes.
+/// The rate of the rotation vector in the lanes where `u` is too large for the series.
 #[cold]
 fn turn_rate_far(u: &[F64x8; 3], w: &[F64x8; 3], rates: &mut [F64x8; 3]) {
     for lane in 0..GROUP_SIZE {

@@ -1,4 +1,4 @@
-//! Many states of one free-floating robot, stepped together: for Monte Carlo studies.
+//! Many states of one free-floating robot, stepped together, for Monte Carlo studies.
 
 mod block;
 mod joints;
@@ -22,14 +22,13 @@ use super::kernel::{GROUP_SIZE, Tree};
 use super::{InstructionSets, IntegrationMethod, JointPhysics, State, Tableau, checks};
 use crate::model::Model;
 
-/// Many states of one robot, each under its own efforts. One instruction serves several states (SIMD lanes), and rayon
-/// distributes them over the processors.
+/// Many states of one robot, each under its own efforts. One instruction computes several states (SIMD lanes), and
+/// rayon distributes them over the processors.
 ///
-/// Every state moves exactly as it does alone: results are bit-identical to those of
-/// [`Integrator`](super::Integrator) and [`Floating`](super::Floating) with the same method and the default
-/// formulation, for any number of states and threads. Robots whose joints have damping or friction, and those with mimic joints, are
-/// stepped one by one in each thread, and so is a step in which a joint reaches a limit. External wrenches, closed loops and other
-/// formulations are not supported; step one `Floating` per state for these, in a parallel iterator.
+/// Results are bit-identical to those of [`Integrator`](super::Integrator) and [`Floating`](super::Floating) with the same
+/// method and the default formulation, for any number of states and threads. Robots with joint damping, joint friction or
+/// mimic joints are stepped one by one in each thread, and so is a step in which a joint reaches a limit. External wrenches,
+/// closed loops and other formulations are not supported; for these, step one `Floating` per state in a parallel iterator.
 ///
 /// Efforts are either held ([`Batch::hold_efforts`]), sampled from one control law per state
 /// ([`Batch::control`]), or functions of state and time ([`Batch::step_with`]):
@@ -77,11 +76,11 @@ pub struct Batch {
     setup: Setup,
     count: usize,
     blocks: Vec<Block>,
-    /// One per thread.
+    /// Scratch memory of each thread.
     scratch: Vec<Scratch>,
 }
 
-/// Data that all states share.
+/// Data common to all states.
 #[derive(Debug, Clone)]
 struct Setup {
     model: Model,
@@ -95,12 +94,12 @@ struct Setup {
 }
 
 impl Batch {
-    /// `count` states at rest, joints at zero, without efforts, to be stepped with `method`.
+    /// A batch of `count` states at rest, joints at zero, without efforts, to be stepped with `method`.
     pub fn new(model: &Model, method: IntegrationMethod, count: usize) -> Self {
         Self::with_tableau(model, method.tableau(), count)
     }
 
-    /// The same with any explicit tableau.
+    /// As [`Batch::new`], with any explicit tableau.
     pub fn with_tableau(model: &Model, tableau: &'static Tableau, count: usize) -> Self {
         let block = Block::repeating(&State::at_rest(model));
         let joint_physics = JointPhysics::default();
@@ -186,11 +185,10 @@ impl Batch {
         hold(&mut self.blocks[block], lane, efforts, &self.setup.model);
     }
 
-    /// Samples one control law per state: `law(controller, state, efforts)` receives the controller of a state, that
-    /// state, and the held efforts \[N m or N\], which it may change. They are held from now on, each clamped to its
-    /// joint's effort limit. The controllers may be of any type, such as a
-    /// [`Controller`](crate::control::Controller) with its measurement; a law that can fail keeps its error in the
-    /// controller.
+    /// Samples one control law per state: `law(controller, state, efforts)` receives the state's controller, the state,
+    /// and the held efforts \[N m or N\], which it may change. The new efforts are held, each clamped to its joint's
+    /// effort limit. Controllers may be of any type, such as a [`Controller`](crate::control::Controller) with its
+    /// measurement; a law that can fail stores its error in the controller.
     ///
     /// # Panics
     /// If `controllers` does not have one element per state.
@@ -243,8 +241,8 @@ impl Batch {
 
     /// Advances all states by `steps` steps of `dt` \[s\] under efforts that depend on time and state, as
     /// [`Integrator::steps`](super::Integrator::steps) does: at every stage, `forcing(data, state, efforts)` receives
-    /// the data of a state (any type), the stage's state (with its time), and the efforts \[N m or N\] of the last call,
-    /// which it may change. They are not clamped, and are held afterwards.
+    /// the state's data (of any type), the stage's state (with its time), and the efforts \[N m or N\] of the last
+    /// call, which it may change. The efforts are not clamped, and are held afterwards.
     ///
     /// # Panics
     /// If `data` does not have one element per state.
@@ -279,7 +277,7 @@ impl Batch {
         );
     }
 
-    /// Number of blocks in a piece: there is one piece for each thread, so that each has its scratch memory.
+    /// Number of blocks in a piece: one piece for each thread, which has its own scratch memory.
     fn piece_size(&self) -> usize {
         (self.blocks.len().div_ceil(rayon::current_num_threads())).max(1)
     }
@@ -386,9 +384,9 @@ impl WithSimd for Run<'_, '_> {
             scratch,
             task,
         } = self.piece;
-        // Apart from the scratch of the joints' steps.
+        // Separate from the scratch memory of single steps.
         let stepper = Scratch::stepper(&mut scratch.stepper, simd, setup);
-        // Step by step, if joints may reach limits.
+        // One step at a time if joints may reach limits.
         let (part, parts) = match (task, &scratch.joints) {
             (Task::Step { dt, steps }, Some(_)) => (Task::Step { dt, steps: 1 }, steps),
             _ => (task, 1),
@@ -417,7 +415,7 @@ impl WithSimd for Run<'_, '_> {
 struct Scratch {
     /// A [`LaneStepper`], whose type depends on the instruction set.
     stepper: Option<Box<dyn Any + Send + Sync>>,
-    /// For robots with mimic joints, or whose joints have damping, friction or limits.
+    /// Scratch memory of single steps, for robots with mimic joints, or with damping, friction or limits of joints.
     joints: Option<Box<JointScratch>>,
     state: State,
     efforts: Vec<f64>,

@@ -1,4 +1,4 @@
-//! Steps of states that are rows of the caller's array.
+//! Steps of states stored as rows of the caller's array.
 
 use rayon::prelude::*;
 
@@ -11,9 +11,9 @@ use crate::dynamics::{RowError, State, StateRow};
 /// Efforts for all states.
 #[derive(Debug, Clone, Copy)]
 pub enum EffortRows<'a> {
-    /// Those that are held already.
+    /// The efforts that are held already.
     Held,
-    /// The same for every state, one per joint \[N m or N\].
+    /// The same efforts for every state, one per joint \[N m or N\].
     Common(&'a [f64]),
     /// One row per state, one effort per joint \[N m or N\].
     Each(&'a [f64]),
@@ -32,11 +32,11 @@ impl<'a> EffortRows<'a> {
 
 impl Batch {
     /// Takes the states from `rows` (one [`StateRow`] each), holds `efforts`, advances by `steps` steps of `dt` \[s\],
-    /// and writes the states back. Each moves as by [`Batch::set_state`], [`Batch::hold_efforts`] and [`Batch::step`]; the states
-    /// of the batch itself are those of the rows afterwards.
+    /// and writes the states back. Results equal those of [`Batch::set_state`], [`Batch::hold_efforts`] and
+    /// [`Batch::step`]; the batch then contains the same states.
     ///
     /// # Errors
-    /// [`RowError`] if a row is not a state or an effort is not finite; nothing has changed then.
+    /// [`RowError`] if a row is not a state or an effort is not finite; nothing has then changed.
     ///
     /// # Panics
     /// If the length of `rows` or `efforts` does not fit.
@@ -54,12 +54,13 @@ impl Batch {
         Ok(())
     }
 
-    /// As [`Batch::step_rows`], under efforts that are sampled at the start of every step and held in it: `law(index, qd, efforts)`
-    /// receives the number of a state, its joint rates \[rad/s or m/s\], and the efforts \[N m or N\] of the step before, at first those
-    /// that are held, which it may change. They are clamped to the joints' effort limits.
+    /// As [`Batch::step_rows`], with efforts that are sampled at the start of every step and held during it:
+    /// `law(index, qd, efforts)` receives the number of a state, its joint rates \[rad/s or m/s\], and the efforts \[N
+    /// m or N\] of the previous step (initially the held ones), which it may change. The efforts are clamped to the
+    /// joints' effort limits.
     ///
     /// # Errors
-    /// [`RowError`] if a row is not a state; nothing has changed then.
+    /// [`RowError`] if a row is not a state; nothing has then changed.
     ///
     /// # Panics
     /// If the length of `rows` does not fit.
@@ -150,7 +151,7 @@ impl Batch {
         Ok(())
     }
 
-    /// States and efforts into the blocks, if all are valid.
+    /// Copies states and efforts to the blocks, if all are valid.
     fn take_rows(&mut self, rows: &[f64], efforts: EffortRows) -> Result<(), RowError> {
         let model = self.model().clone();
         let (dof, count) = (model.dof(), self.len());

@@ -1,4 +1,4 @@
-//! Steps of several independent robots in the lanes of one register.
+//! Steps of several independent robots in the SIMD lanes of one register.
 
 use super::block::{Block, put, read};
 use super::{Batch, Piece, Scratch, Task};
@@ -7,10 +7,10 @@ use crate::dynamics::kernel::GROUP_SIZE;
 use crate::dynamics::{Floating, Tableau};
 use crate::model::Model;
 
-/// Steps several [`Floating`] of the same robot together, each under its own held efforts: one instruction steps as many
-/// robots as a register has lanes. States, inputs and all else stay with the robots; only the steps are common.
+/// Steps several [`Floating`] of the same robot together, each under its own held efforts: one instruction computes as
+/// many robots as a register has lanes. The robots keep their states and inputs; only the steps are common.
 ///
-/// Each robot moves exactly as by [`Floating::step`], to the bit. There are no threads.
+/// Results are bit-identical to those of [`Floating::step`]. There are no threads.
 ///
 /// ```
 /// use fuyu_physics::dynamics::{Floating, IntegrationMethod, State, Together};
@@ -35,20 +35,20 @@ use crate::model::Model;
 pub struct Together {
     batch: Batch,
     tableau: &'static Tableau,
-    /// The states before a step.
+    /// The states before the step.
     before: Block,
     /// Positions and rates of a robot before and after a step.
     joints: [Vec<f64>; 4],
 }
 
 impl Together {
-    /// For robots like `robot`; `None` if its steps are not those of a batch: closed loops, damping or friction in the
-    /// joints, mimic joints, another formulation.
+    /// For robots like `robot`. `None` if a batch cannot step it: closed loops, damping or friction in the joints,
+    /// mimic joints, another formulation.
     pub fn new(robot: &Floating) -> Option<Self> {
         let tableau = robot.lane_tableau()?;
         let model = robot.model();
         let mut batch = Batch::with_tableau(model, tableau, GROUP_SIZE);
-        // Steps in which a joint reaches a limit are taken by the robot.
+        // A step in which a joint reaches a limit is repeated by the robot itself.
         batch.setup.joints = JointSteps::Never;
         batch.scratch = vec![Scratch::new(&batch.setup)];
         Some(Self {
@@ -64,8 +64,7 @@ impl Together {
         &self.batch.setup.model
     }
 
-    /// Whether `robot` can be stepped with the others: it is the same one and is integrated in the same way, and no
-    /// wrench acts on it.
+    /// Whether `robot` can be stepped with the others: the same model and integration, and no external wrench.
     pub fn fits(&self, robot: &Floating) -> bool {
         let tableau = robot.lane_tableau();
         tableau.is_some_and(|tableau| std::ptr::eq(tableau, self.tableau))
@@ -164,7 +163,7 @@ mod tests {
         assert_as_alone(include_str!("../../../../../urdf/servicer.urdf"));
     }
 
-    // Some reach their limits, others do not.
+    // Some robots reach their limits, others do not.
     #[test]
     fn a_robot_that_reaches_a_limit_is_stepped_as_alone() {
         let urdf = include_str!("../../../../../urdf/servicer.urdf");

@@ -11,14 +11,14 @@ use crate::dynamics::{
 use crate::model::{Connection, Frame, Joined, Model};
 use crate::spatial::{Pose, Twist};
 
-/// Second angle of a spherical joint \[rad\] beyond which its three axes are chosen again: far from 90°, where two
-/// of them coincide.
+/// Second angle of a spherical joint \[rad\] beyond which its three axes are redefined: well before the singularity at
+/// 90°, where two of them coincide.
 const TILTED: f64 = 1.0;
 
-/// Gap \[m, rad, m/s, rad/s\] of a loop that an impulse has closed: rounding.
+/// Rounding tolerance for the gap of a loop that an impulse has closed \[m, rad, m/s, rad/s\].
 const ROUNDING: f64 = 1e-9;
 
-/// Where a coordinate of the robot is now.
+/// Where a joint coordinate of the robot is in the joined system: a coordinate, or locked at a value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Place {
     Coordinate(usize),
@@ -34,15 +34,15 @@ struct SecondGrasp {
     latch: Latch,
 }
 
-/// Robot and target joined by a grasp, as one floating system. The target's links are part of the robot's tree,
-/// with the target's name and a slash before theirs; a ball joint is three joints with intersecting axes, which are
-/// chosen again whenever two of them come close to each other.
+/// Robot and target joined by a grasp, as one floating system. The target's links become part of the robot's tree,
+/// their names prefixed by the target's name and a slash. A ball joint is modelled as three joints with intersecting
+/// axes, which are redefined before two of them coincide (gimbal lock).
 #[derive(Debug, Clone)]
 pub struct Captured {
     pub(super) floating: Floating,
     method: IntegrationMethod,
     joint_physics: JointPhysics,
-    /// The robot as it was, without locked joints, and the target.
+    /// The original robot, the robot with its locked joints, and the target.
     pub(super) robot: Model,
     carrier: Model,
     target: Model,
@@ -55,7 +55,7 @@ pub struct Captured {
 }
 
 impl Captured {
-    /// Joins robot and target as they are now. Returns the impulse, on the robot first.
+    /// Joins robot and target in their present states. Returns the impulse; system 0 is the robot.
     ///
     /// # Errors
     /// [`CaptureError`] if the robot's frame is none of its model, or the target's not on its base.
@@ -76,12 +76,12 @@ impl Captured {
         Ok((captured, impulses))
     }
 
-    /// Counts the energy that an impulse has lost as work, so that work explains the kinetic energy.
+    /// Subtracts the energy lost in an impulse from the work, so that kinetic energy minus work stays constant.
     pub(super) fn lose(&mut self, energy: f64) {
         self.floating.change_state(|state| state.work -= energy);
     }
 
-    /// The joined system of states that fit the latch.
+    /// The joined system, from states after the impulse.
     pub(super) fn joined(
         robot: &Floating,
         target: &Floating,
@@ -108,7 +108,7 @@ impl Captured {
         while is_taken(&prefix) {
             prefix.insert(0, '_');
         }
-        // Poses before the impulse are those after it.
+        // The impulse changes no poses.
         let X_WR = of_robot.X_WB(robot.workspace());
         let X_WG = X_WR * robot.workspace().X_BF(&grasp.robot);
         let X_WO = of_target.X_WB(target.workspace());
@@ -183,10 +183,11 @@ impl Captured {
         }
     }
 
-    /// Closes a loop: another frame of the robot grasps the target, too. Returns the impulse on the robot's frame.
+    /// Lets another frame of the robot grasp the target, too, which closes a loop. Returns the impulse on the robot's
+    /// frame.
     ///
-    /// # Errors
-    /// [`CaptureError`] if the frame does not exist or the grasp is not on the target's base, and where the loop
+    /// [`CaptureError`] if the frame does not exist, if the grasp is not on the target's base, or if the loop locks all
+    /// joints.
     /// locks all joints.
     pub fn grasp_again(
         &mut self,
@@ -243,7 +244,7 @@ impl Captured {
         Ok(impulses)
     }
 
-    /// The closed loop of a second grasp, in the joined model.
+    /// The two frames, in the joined model, that a second grasp joins, and its latch.
     fn closing_frames(&self, grasp: &SecondGrasp) -> (Frame, Frame, Latch) {
         let model = &self.joined.model;
         let first = model.frame(&grasp.robot).expect("frames stay").clone();
@@ -256,7 +257,7 @@ impl Captured {
         (first, second, grasp.latch)
     }
 
-    /// Takes over another system of the same topology, with the held efforts.
+    /// Replaces the system by another one of the same topology; held efforts and joint physics stay.
     fn replace(&mut self, mut floating: Floating) {
         let held = self.floating.input_mut().clone();
         floating.input_mut().copy_from(&held);
@@ -276,7 +277,7 @@ impl Captured {
         &self.floating
     }
 
-    /// Held efforts and wrenches can be set here.
+    /// The joined system, to set held efforts and wrenches.
     pub fn floating_mut(&mut self) -> &mut Floating {
         &mut self.floating
     }
@@ -302,7 +303,7 @@ impl Captured {
             .expect("the target's base is part of the joined model")
     }
 
-    /// Advances by `steps` steps of `dt` \[s\] under the held input.
+    /// Advances by `steps` steps of `dt` \[s\] with held inputs.
     pub fn step(&mut self, dt: f64, steps: usize) {
         if self.joined.connection.is_empty() {
             self.floating.step(dt, steps);
@@ -314,13 +315,12 @@ impl Captured {
         }
     }
 
-    /// The frame of the joined model that is called `name` in the target's own.
+    /// The frame of the joined model that corresponds to frame `name` of the target's own model.
     pub fn target_frame(&self, name: &str) -> Option<&Frame> {
         self.joined.model.frame(&format!("{}{name}", self.prefix))
     }
 
-    /// How fast the robot's frame turns in the target by a ball joint: norm of the rates of the joint's angles \[rad/s\]; `None` for
-    /// a weld.
+    /// Relative angular speed in a ball joint: norm of the rates of the joint's angles \[rad/s\]; `None` for a weld.
     pub fn ball_joint_rate(&self) -> Option<f64> {
         let rates = self.joined.connection.iter();
         let square: f64 = rates.map(|j| self.floating.state().qd[*j].powi(2)).sum();
@@ -332,8 +332,8 @@ impl Captured {
         !self.second.is_empty()
     }
 
-    /// Chooses the axes of a spherical joint again if two of them come close to each other. Returns whether it did: then the
-    /// joined system has another model.
+    /// Redefines the axes of a spherical joint if two of them come close to each other. Returns whether they changed:
+    /// the joined system then has another model.
     pub fn choose_axes_if_tilted(&mut self) -> bool {
         if let [_, tilt, _] = self.joined.connection[..]
             && self.floating.state().q[tilt].abs() > TILTED
@@ -344,7 +344,7 @@ impl Captured {
         false
     }
 
-    /// Chooses the axes of the spherical joint so that all three angles are zero now.
+    /// Redefines the axes of the spherical joint so that all three angles are zero now.
     fn choose_axes(&mut self) {
         let workspace = self.floating.workspace();
         let root = self.target_root();
@@ -400,7 +400,7 @@ impl Captured {
     }
 }
 
-/// `carrier` with `target` at pose `X_BO` of the body of `frame`.
+/// `carrier` with `target` attached to the body of `frame`, at pose `X_BO`.
 fn join(
     carrier: &Model,
     frame: &Frame,
@@ -418,8 +418,8 @@ fn join(
     carrier.joined(frame.body, target, connection, &X_BJ, X_BO, prefix)
 }
 
-/// Rates of the three joints of a spherical joint at zero angles; `w_J` is the relative angular velocity, axes of
-/// the joints.
+/// Sets the rates of the three joints of a spherical joint at zero angles; `w_J` is the relative angular velocity, in
+/// the joint's axes.
 fn set_cardan_rates(state: &mut State, joined: &Joined, w_J: &Vector3<f64>) {
     for (j, rate) in joined.connection.iter().zip([w_J.z, w_J.y, w_J.x]) {
         state.qd[*j] = rate;

@@ -14,10 +14,10 @@ pub struct Grasp {
     pub robot: Frame,
     /// Frame of the target, on its base.
     pub target: Frame,
-    /// What it holds.
+    /// The directions that the latch holds.
     pub latch: Latch,
-    /// Reaction of the robot's joints to the impulse, and from then on; locked joints stay where they are,
-    /// joints at held rates are free afterwards, for their servo to hold.
+    /// Reaction of the robot's joints to the impulse. Locked joints stay locked afterwards; rate-held joints are free
+    /// afterwards, for their servos to hold.
     pub joints: JointReaction,
 }
 
@@ -78,7 +78,7 @@ pub enum CaptureError {
 }
 
 impl Grasp {
-    /// Checks that the frames are those of `robot` and of the base of `target`.
+    /// Checks that the frames exist on `robot` and on the base of `target`.
     pub(super) fn check(&self, robot: &Model, target: &Floating) -> Result<(), CaptureError> {
         if robot.frame(&self.robot.name) != Some(&self.robot) {
             return Err(CaptureError::UnknownFrame {
@@ -99,7 +99,8 @@ impl Grasp {
         Ok(())
     }
 
-    /// The impulse at which the latch closes between a robot, with its scratch memory, and a target; the robot first.
+    /// The impulse at which the latch closes between a robot, with its scratch memory, and a target; system 0 is the
+    /// robot.
     pub(super) fn close(
         &self,
         (robot, of_robot): (&State, &mut Workspace),
@@ -140,7 +141,7 @@ impl Grasp {
         separation(&X_WR, &X_WT)
     }
 
-    /// Checks that the frames are close enough to latch. A ball joint has no angle to respect.
+    /// Checks that the frames are close enough to latch. For a ball joint the angle does not matter.
     ///
     /// # Errors
     /// [`CaptureError::Apart`].

@@ -1,9 +1,9 @@
 //! A robot with reaction wheels and thrusters that holds a target.
 //!
-//! An impulse leaves the angular momentum of each wheel about its axis as it is, because its bearing and its motor
-//! transmit none about it. So robot and target meet as rigid trees of which the wheels are not part; afterwards the
-//! wheels' speeds relative to their bodies follow from their momenta. (P. C. Hughes, Spacecraft Attitude Dynamics, 1986,
-//! section 3.4: a gyrostat whose rotor is free about its axis.)
+//! An impulse does not change the angular momentum of a wheel about its axis, because bearing and motor transmit no
+//! impulsive torque about it. So the impulse acts on robot and target as rigid trees that do not include the wheels'
+//! axial inertia; afterwards the wheels' speeds relative to their bodies follow from their momenta. (P. C. Hughes,
+//! Spacecraft Attitude Dynamics, 1986, section 3.4: a gyrostat whose rotor is free about its axis.)
 
 use nalgebra::Vector3;
 
@@ -20,13 +20,13 @@ use crate::dynamics::{Floating, IntegrationMethod, State, Workspace};
 use crate::model::Frame;
 
 /// A robot with wheels and thrusters, joined with a target by a grasp: the counterpart of [`Captured`] for a
-/// [`FlexibleSystem`] without deformable bodies and elastic joints. Springs and dampers of the target's joints act, friction,
-/// stops and speed limits of joints do not.
+/// [`FlexibleSystem`] without deformable bodies and elastic joints. Springs and dampers of the target's joints act;
+/// friction, stops and speed limits of joints do not.
 #[derive(Debug, Clone)]
 pub struct CapturedGyrostat {
     floating: FlexibleFloating,
     method: IntegrationMethod,
-    /// The same tree with the wheels locked, whose momentum is that without what the wheels have relative to their bodies.
+    /// The same tree with locked wheels. Its momentum excludes the wheels' momentum relative to their bodies.
     locked: Captured,
     robot: FlexibleSystem,
     free_wheels: FreeWheels,
@@ -44,8 +44,8 @@ pub struct ReleasedGyrostat {
 }
 
 impl CapturedGyrostat {
-    /// Joins robot and target as they are now. Returns the impulse, on the robot first; the robot's state has the
-    /// momentum of its wheels.
+    /// Joins robot and target in their present states. Returns the impulse; system 0 is the robot, whose state includes
+    /// the momentum of its wheels.
     ///
     /// # Errors
     /// [`CaptureError`] as for [`Captured::new`], and if the robot has deformable bodies or elastic joints, or the target
@@ -90,13 +90,13 @@ impl CapturedGyrostat {
         &self.floating
     }
 
-    /// The joined system with its wheels locked, whose momentum is that of the joined system without what the wheels have
-    /// relative to their bodies.
+    /// The joined system with locked wheels. Its momentum excludes the wheels' momentum relative to their bodies.
     pub fn locked(&self) -> &Captured {
         &self.locked
     }
 
-    /// Holds the input of the robot, in its own order, from now on, and opens its thrusters for as long as `robot` does.
+    /// Holds the robot's input, in the robot's order of joints, from now on, and opens its thrusters for as long as
+    /// `robot` does.
     ///
     /// # Panics
     /// If it is another robot.
@@ -127,9 +127,9 @@ impl CapturedGyrostat {
         }
     }
 
-    /// Advances by one step of `dt` \[s\] under the robot's input that `forcing` makes of that of `robot` at every stage.
-    /// It is given joints, attitude, wheels and thrusters of the robot, with centre of mass and momentum of the whole.
-    /// Afterwards the input that it gives for the new state is held, also by `robot`.
+    /// Advances by one step of `dt` \[s\]; `forcing` changes the robot's input at every stage. `forcing` receives
+    /// joints, attitude, wheels and thrusters of the robot, but centre of mass and momentum of the joined system.
+    /// Afterwards its input for the new state is held, also by `robot`.
     ///
     /// # Panics
     /// If it is another robot.
@@ -164,8 +164,8 @@ impl CapturedGyrostat {
         self.follow();
     }
 
-    /// Gives `robot`, a system of the robot's own, the motion that it has in the joined system. Its work is that of the
-    /// joined system.
+    /// Copies the robot's motion in the joined system to `robot`, a system of the robot alone. Its work becomes that of
+    /// the joined system.
     ///
     /// # Panics
     /// If it is another robot.
@@ -185,8 +185,8 @@ impl CapturedGyrostat {
         self.locked.show_target(target);
     }
 
-    /// Gives `robot`, which [`Self::show_robot`] has set, the accelerations that it has in the joined system under the
-    /// held input.
+    /// Copies the accelerations that the robot has in the joined system under the held input to `robot`, which
+    /// [`Self::show_robot`] has set.
     ///
     /// # Panics
     /// If it is another robot.
@@ -197,8 +197,8 @@ impl CapturedGyrostat {
         robot.show_accelerations(A_WB_B, &of_robot);
     }
 
-    /// Robot and target as they are when the grasp opens, pushed apart by `spring`. Momentum of both together is that of
-    /// the joined system.
+    /// States of robot and target when the grasp opens, pushed apart by `spring`. Their total momentum is that of the
+    /// joined system.
     pub fn release(&self, spring: Option<&ReleaseSpring>) -> ReleasedGyrostat {
         let released = self.locked.release(None);
         let mut of_robot = FlexibleWorkspace::new(&self.robot);
@@ -225,7 +225,7 @@ impl CapturedGyrostat {
         }
     }
 
-    /// The tree with locked wheels moves as the joined system has moved.
+    /// Updates the tree with locked wheels to the motion of the joined system.
     fn follow(&mut self) {
         let (state, workspace) = (self.floating.state(), self.floating.workspace());
         let relative = state.tree.R_WB * workspace.rotor_momentum(state);
@@ -234,7 +234,7 @@ impl CapturedGyrostat {
             locked.momentum_W.angular -= relative;
         });
         if self.locked.choose_axes_if_tilted() {
-            // The joined system has been built of these parts before.
+            // The same parts have been joined before, so this cannot fail.
             let joined = joined_system(&self.robot, &self.locked, state, self.method);
             if let Ok(mut joined) = joined {
                 joined.input_mut().copy_from(self.floating.input());
@@ -244,7 +244,7 @@ impl CapturedGyrostat {
     }
 }
 
-/// The joined system: the tree `locked`, with the wheels and thrusters of `robot` in the state that they have in `parts`.
+/// The joined system: the tree `locked`, with the robot's wheels and thrusters in their state in `parts`.
 fn joined_system(
     robot: &FlexibleSystem,
     locked: &Captured,
@@ -259,21 +259,21 @@ fn joined_system(
     Ok(FlexibleFloating::new(&system, state, method))
 }
 
-/// Adds to the momentum of `state` what its wheels have relative to their bodies.
+/// Adds the wheels' momentum relative to their bodies to the momentum of `state`.
 fn add_wheels(state: &mut FlexibleState, workspace: &mut FlexibleWorkspace) {
     workspace.set_state(state);
     state.tree.momentum_W.angular += state.tree.R_WB * workspace.rotor_momentum(state);
     workspace.set_state(state);
 }
 
-/// The tree of `state` without the momentum that its wheels have relative to their bodies.
+/// The tree of `state`, with the wheels' momentum relative to their bodies subtracted.
 fn wheels_locked(state: &FlexibleState, workspace: &FlexibleWorkspace) -> State {
     let mut tree = state.tree.clone();
     tree.momentum_W.angular -= tree.R_WB * workspace.rotor_momentum(state);
     tree
 }
 
-/// The robot as impulses move it: its wheels offer no inertia about their axes.
+/// The robot as an impulse acts on it: the wheels contribute no inertia about their axes.
 #[derive(Debug, Clone)]
 struct FreeWheels {
     system: FlexibleSystem,
@@ -297,7 +297,7 @@ impl FreeWheels {
         (frame, frame.X_BF.rotation.inverse() * *axis)
     }
 
-    /// The robot without its wheels, and the angular momentum of each wheel about its axis \[N m s\].
+    /// The robot's state without its wheels, and the angular momentum of each wheel about its axis \[N m s\].
     fn without_wheels(
         &self,
         state: &FlexibleState,
@@ -316,7 +316,7 @@ impl FreeWheels {
         (tree, momenta)
     }
 
-    /// The state of the robot with the angular momenta of its wheels, when without them it is in the state `tree`.
+    /// The robot's state with wheels of these angular momenta, from its state without wheels, `tree`.
     fn with_wheels(
         &mut self,
         parts: &FlexibleState,

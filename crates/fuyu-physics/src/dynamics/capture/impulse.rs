@@ -1,14 +1,14 @@
 //! The impulse at which latches close.
 //!
-//! The velocity of a floating system has three parts: the velocity of its centre of mass, the angular velocity `H_B⁻¹ L`
-//! (`L`: angular momentum about the centre of mass, `H_B`: inertia about it with locked joints), and the joint rates. In
-//! these variables the kinetic energy has no mixed products (Masutani 1995 eqs. (4.45)-(4.48)): an impulse changes momentum
-//! as that of a rigid body, and the joint rates through the reduced inertia `Ĥ` and the generalized Jacobian `Ĵ`. The
-//! latches' relative velocity is `u = G v` for the velocity `v`, and `W` is the inverse of the inertia. `A = G W Gᵀ` (the
-//! Delassus matrix, whose inverse is the effective mass at the grasp) gives the impulse `Λ = -A⁻¹ u` that removes `u`: the
-//! equations of unilateral contact with equality (F. Pfeiffer and C. Glocker, Multibody Dynamics with Unilateral Contacts,
-//! 1996, chapter 6; R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 11.7). The lost energy is the kinetic
-//! energy of the change of velocity (Carnot's theorem).
+//! The velocity of a floating system has three parts: the velocity of its centre of mass, the angular velocity `H_B⁻¹
+//! L` (`L`: angular momentum about the centre of mass, `H_B`: inertia about it with locked joints), and the joint
+//! rates. In these variables the kinetic energy has no mixed products (Masutani 1995 eqs. (4.45)-(4.48)): an impulse
+//! changes momentum as for a rigid body, and the joint rates through the reduced inertia `Ĥ` and the generalized
+//! Jacobian `Ĵ`. The latches' relative velocity is `u = G v` for the velocity `v`; `W` is the inverse of the inertia.
+//! `A = G W Gᵀ` (the Delassus matrix, whose inverse is the effective mass at the grasp) gives the impulse `Λ = -A⁻¹ u`
+//! that removes `u`: the equations of unilateral contact, with equalities (F. Pfeiffer and C. Glocker, Multibody
+//! Dynamics with Unilateral Contacts, 1996, chapter 6; R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section
+//! 11.7). The lost energy is the kinetic energy of the change of velocity (Carnot's theorem).
 
 use nalgebra::{
     Cholesky, DMatrix, DVector, Dyn, Matrix3, Matrix6xX, Rotation3, SymmetricEigen, Vector3,
@@ -24,7 +24,7 @@ pub enum Latch {
     /// Position and attitude.
     #[default]
     Weld,
-    /// The position: a spherical joint.
+    /// Position only: a spherical joint.
     Ball,
 }
 
@@ -32,7 +32,7 @@ impl Latch {
     /// All by name, the default first.
     pub const NAMES: [(&'static str, Self); 2] = [("weld", Self::Weld), ("ball", Self::Ball)];
 
-    /// Number of directions that it holds.
+    /// Number of constrained directions.
     fn rows(self) -> usize {
         match self {
             Self::Weld => 6,
@@ -44,12 +44,12 @@ impl Latch {
 /// Reaction of a joint to an impulse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum JointReaction {
-    /// It turns freely. Damping, friction and actuators of finite effort make no difference in an impulse.
+    /// The joint turns freely. Damping, friction and actuators of finite effort do not matter in an impulse.
     #[default]
     Free,
-    /// A brake stops it in the same instant.
+    /// A brake stops the joint in the same instant.
     Locked,
-    /// An ideal servo keeps its rate.
+    /// An ideal servo keeps the joint's rate.
     RateHeld,
 }
 
@@ -65,7 +65,7 @@ impl JointReaction {
 /// A floating system that takes part in an impulse.
 #[derive(Debug)]
 pub struct System<'a> {
-    /// Its state before.
+    /// State before the impulse.
     pub state: &'a State,
     /// Its scratch memory.
     pub workspace: &'a mut Workspace,
@@ -73,15 +73,15 @@ pub struct System<'a> {
     pub joints: &'a [JointReaction],
 }
 
-/// Two frames that a latch joins, each of one of the systems, by index. The impulse acts on both at the origin of
-/// the first one.
+/// Two frames that a latch joins, each with the index of its system. The impulse acts on both bodies at the origin of
+/// the first frame.
 #[derive(Debug, Clone, Copy)]
 pub struct LatchPair<'a> {
     /// The first frame.
     pub first: (usize, &'a Frame),
-    /// The second one, of another system or another body of the same.
+    /// The second frame, on another system or on another body of the same one.
     pub second: (usize, &'a Frame),
-    /// What the latch holds.
+    /// The directions that the latch holds.
     pub latch: Latch,
 }
 
@@ -90,40 +90,39 @@ pub struct LatchPair<'a> {
 pub struct LatchImpulses {
     /// State of each system afterwards.
     pub states: Vec<State>,
-    /// Per latch, the impulse on the first frame's body, about that frame's origin, world axes \[N s, N m s\]. Its
-    /// opposite acts on the second one's body.
+    /// For each latch, the impulse on the first frame's body, about that frame's origin, world axes \[N s, N m s\]. The
+    /// opposite impulse acts on the second frame's body.
     pub on_first: Vec<Wrench>,
-    /// Per system, the impulses of brakes and servos along the joints \[N m s or N s\]; zero for free joints.
+    /// For each system, the impulses of brakes and servos along the joints \[N m s or N s\]; zero for free joints.
     pub joints: Vec<DVector<f64>>,
-    /// Kinetic energy before minus after \[J\]; negative if servos that keep their rates, or a spring, supply some.
+    /// Kinetic energy before minus after \[J\]; negative if rate-holding servos or a spring supply more than is lost.
     pub energy_lost: f64,
 }
 
-/// A system in the variables of the module's first paragraph, world axes.
+/// Mass properties of a system and changes of its velocity, in the three parts of the module's description; world axes.
 struct Terms {
     mass: f64,
-    /// Inverse rotational inertia of the whole about its centre of mass.
+    /// Inverse of the whole system's rotational inertia about its centre of mass.
     inertia_inverse: Matrix3<f64>,
     /// `Ĥ`, in the order free joints, held joints.
     reduced: DMatrix<f64>,
-    /// Factors of the part of the free joints.
+    /// Cholesky factor of the block of free joints.
     free_inertia: Option<Cholesky<f64, Dyn>>,
-    /// Coordinates, the free ones first, and how many are free.
+    /// Coordinates in the order free, held; and the number of free ones.
     order: Vec<usize>,
     free: usize,
     /// Changes of linear and angular momentum and, in `order`, joint rates.
     linear: Vector3<f64>,
     angular: Vector3<f64>,
     rates: DVector<f64>,
-    /// Rows of all latches: velocity of the centre of mass, angular velocity, joint rates in `order`.
+    /// Rows of `G` for all latches: velocity of the centre of mass, angular velocity, joint rates in `order`.
     rows: DMatrix<f64>,
 }
 
 /// Closes latches between floating systems in one impulse: afterwards the frames of each pair have no relative
-/// velocity, in position and, for a weld, attitude. They should coincide; where they do not, the second is taken to
-/// be extended rigidly to the first. Latches that hold more than is free (two arms that are locked) share the
-/// impulse for which `Σ A_ii Λ_i²` is smallest, with `A` the matrix of the relative velocity per impulse. Without latches
-/// only brakes act.
+/// velocity, in position and, for a weld, attitude. The frames should coincide; otherwise the second one is extended
+/// rigidly to the first. If latches are redundant (two locked arms, for example), the impulse with the least `Σ A_ii
+/// Λ_i²` is chosen, with the Delassus matrix `A`. Without latches only brakes act.
 ///
 /// # Panics
 /// If a state does not fit its workspace, or a frame its system.
@@ -165,9 +164,9 @@ pub fn close_latches(systems: &mut [System], latches: &[LatchPair]) -> LatchImpu
 }
 
 /// Pushes the bodies of a pair of frames apart along `direction` (world axes, from the first to the second) with a
-/// spring at the first frame's origin that gives the systems `energy` \[J\] in an instant. The pair's latch does
-/// not matter. Where brakes and servos take no part, the energy lost is `-energy`. Without a direction, or with an
-/// energy that is negative and more than the pair can give, states are NaN.
+/// spring at the first frame's origin that releases `energy` \[J\] in an instant. The pair's latch is ignored. Unless
+/// brakes and servos act, the energy lost is `-energy`. If `direction` is zero, or if `energy` is negative and exceeds
+/// the energy that the pair can give, states are NaN.
 ///
 /// # Panics
 /// As [`close_latches`].
@@ -209,7 +208,7 @@ pub fn push_apart(
         term.add_velocity(system.state, &mut parting);
     }
     let mut result = finish(systems, &[pair], &terms, &impulse, &[point]);
-    // The bodies still move relative to each other afterwards: the impulse gives `Λ u` beyond the energy of the change.
+    // The relative velocity is not zero afterwards: the impulse adds `Λ u` to the energy of the change.
     result.energy_lost -= impulse.dot(&parting);
     result
 }
@@ -252,7 +251,7 @@ fn finish(
             if k < term.free {
                 state.qd[j] = system.state.qd[j] + term.rates[k];
             } else {
-                // Exactly what brake or servo holds, not what the sum rounds to.
+                // Exactly the held rate, without the rounding errors of the sum.
                 state.qd[j] = held_rate(system, j);
                 on_joints[j] = held[k - term.free];
                 energy_lost -= state.qd[j] * on_joints[j];
@@ -268,7 +267,7 @@ fn finish(
     }
 }
 
-/// Rate of a held joint afterwards.
+/// Rate of a held joint after the impulse.
 fn held_rate(system: &System, j: usize) -> f64 {
     match system.joints.get(j) {
         Some(JointReaction::Locked) => 0.0,
@@ -309,7 +308,7 @@ impl Terms {
             rows: DMatrix::zeros(count, 6 + n),
             order,
         };
-        // What brakes do to the free joints without any other impulse.
+        // Effect of the brakes on the free joints, without any other impulse.
         for k in free..n {
             let j = terms.order[k];
             terms.rates[k] = held_rate(system, j) - system.state.qd[j];
@@ -325,12 +324,13 @@ impl Terms {
     fn free_response(&self, efforts: DVector<f64>) -> DVector<f64> {
         match &self.free_inertia {
             Some(factors) if self.free > 0 => factors.solve(&efforts),
-            // Without free joints there is nothing to solve; without factors, positions are not finite.
+            // Without free joints there is nothing to solve; without a factor, positions are not finite.
             _ => efforts * f64::NAN,
         }
     }
 
-    /// Adds the velocity of `point`, fixed to the body of `frame`, times `sign`, to `count` rows from `first` on.
+    /// Adds the rows of the velocity of `point`, fixed to the body of `frame`, times `sign`, to `count` rows from
+    /// `first` on.
     fn add_rows(
         &mut self,
         system: &System,
@@ -384,7 +384,7 @@ impl Terms {
         }
     }
 
-    /// Adds the rows' velocities, with the changes so far.
+    /// Adds the relative velocities of the rows, including the changes so far.
     fn add_velocity(&self, state: &State, out: &mut DVector<f64>) {
         let momentum = &state.momentum_W;
         let linear = (momentum.linear + self.linear) / self.mass;
@@ -398,7 +398,7 @@ impl Terms {
         *out += &self.rows * velocity;
     }
 
-    /// The changes under impulses along the rows.
+    /// Adds the changes of velocity due to impulses along the rows.
     fn apply(&mut self, impulse: &DVector<f64>) {
         let generalized = self.rows.tr_mul(impulse);
         self.linear += generalized.fixed_rows::<3>(0);
@@ -416,7 +416,7 @@ impl Terms {
             - generalized.rows(6 + free, n - free)
     }
 
-    /// Kinetic energy of the changes.
+    /// Kinetic energy of the velocity changes.
     fn energy(&self) -> f64 {
         let linear = self.linear.norm_squared() / self.mass;
         let angular = self.angular.dot(&(self.inertia_inverse * self.angular));
@@ -431,8 +431,8 @@ struct PseudoInverse {
     smallest: f64,
 }
 
-/// Eigenvalues below this fraction of the largest are those of dependent rows. The condition number of a grasp by a
-/// long arm, with all rows scaled to the same size, is at most some 1e6.
+/// Eigenvalues below this fraction of the largest belong to dependent rows. The condition number of a grasp by a long
+/// arm, with all rows scaled to the same size, is at most some 1e6.
 const DEPENDENT: f64 = 1e-11;
 
 impl PseudoInverse {
@@ -533,7 +533,8 @@ mod tests {
         (before - after, found)
     }
 
-    // Brakes and servos take energy, too: minus the spring's energy alone is wrong by 0.25 J for one locked slider.
+    // Brakes and servos take energy, too: minus the spring's energy alone would be wrong by 0.25 J for one locked
+    // slider.
     #[test]
     fn the_energy_of_a_push_counts_brakes_and_servos() {
         use JointReaction::{Free, Locked, RateHeld};

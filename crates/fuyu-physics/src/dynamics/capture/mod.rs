@@ -1,9 +1,9 @@
 //! Capture: floating systems that join at an instant, move as one, and separate.
 //!
 //! [`close_latches`] computes the impulse at which latches close: total momentum does not change, energy does.
-//! [`Captured`] is robot and target from then on: one floating system, in which the target's links are part of the
+//! [`Captured`] represents robot and target after that: one floating system, in which the target's links are part of the
 //! robot's tree. A second arm that grasps the target closes a loop. [`Captured::release`] separates robot and target.
-//! [`CapturedGyrostat`] is the same for a robot with reaction wheels and thrusters.
+//! [`CapturedGyrostat`] is the counterpart for a robot with reaction wheels and thrusters.
 //!
 //! ```
 //! use fuyu_physics::dynamics::capture::{Captured, Grasp, JointReaction, Latch};

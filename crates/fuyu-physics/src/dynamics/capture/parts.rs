@@ -7,12 +7,12 @@ use crate::dynamics::{Floating, Forcing, Input, State};
 use crate::model::Model;
 use crate::spatial::{Pose, Wrench};
 
-/// A robot's state and input at a stage of a step, and where its bodies are in the joined model.
+/// The robot's state and input at a stage of a step, and the map of its bodies to the joined model.
 #[derive(Debug, Clone)]
 pub(super) struct RobotPart {
     state: State,
     input: Input,
-    /// Per body of the robot, its body in the joined model and its pose there.
+    /// For each body of the robot, the body of the joined model that contains it and its pose there.
     pub bodies: Vec<(usize, Pose)>,
 }
 
@@ -46,7 +46,7 @@ impl RobotPart {
     }
 }
 
-/// Writes attitude and joints of the robot to `robot`; its centre of mass and momentum become those of the whole.
+/// Writes attitude and joints of the robot to `robot`; centre of mass and momentum become those of the joined system.
 pub(super) fn read_robot(places: &[Place], whole: &State, robot: &mut State) {
     robot.time = whole.time;
     robot.R_WB = whole.R_WB;
@@ -62,7 +62,7 @@ pub(super) fn read_robot(places: &[Place], whole: &State, robot: &mut State) {
     }
 }
 
-/// Accelerations of the robot's joints, in its own order, of those of the joined system.
+/// The robot's joint accelerations, in its own order, from those of the joined system.
 pub(super) fn robot_accelerations(places: &[Place], qdd: &[f64]) -> Vec<f64> {
     let of_robot = places.iter().map(|place| match *place {
         Place::Coordinate(j) => qdd[j],
@@ -72,8 +72,8 @@ pub(super) fn robot_accelerations(places: &[Place], qdd: &[f64]) -> Vec<f64> {
 }
 
 impl Captured {
-    /// Gives `robot`, a system of the robot's own model, the motion that it has in the joined system. Its work and
-    /// dissipated energy are those of the joined system.
+    /// Copies the robot's motion in the joined system to `robot`, a system of the robot's own model. Its work and
+    /// dissipated energy become those of the joined system.
     ///
     /// # Panics
     /// If `robot` is another robot.
@@ -86,8 +86,8 @@ impl Captured {
         });
     }
 
-    /// Gives `target`, a system of the target's own model, the motion that it has in the joined system. It has done no
-    /// work of its own.
+    /// Copies the target's motion in the joined system to `target`, a system of the target's own model. Its work and
+    /// dissipated energy become zero.
     ///
     /// # Panics
     /// If `target` is another target.
@@ -109,8 +109,8 @@ impl Captured {
         });
     }
 
-    /// Gives `robot`, which [`Self::show_robot`] has set, the accelerations that it has in the joined system under the
-    /// held input.
+    /// Copies the accelerations that the robot has in the joined system under the held input to `robot`, which
+    /// [`Self::show_robot`] has set.
     ///
     /// # Panics
     /// If `robot` is another robot.
@@ -121,8 +121,8 @@ impl Captured {
         robot.show_accelerations(A_WB_B, &qdd);
     }
 
-    /// Holds this input of the robot, in its own order, from now on. Nothing else acts on the joined system; efforts of
-    /// locked joints have no effect.
+    /// Holds this input of the robot, in the robot's order of joints and bodies, from now on, and no other input.
+    /// Efforts of locked joints have no effect.
     ///
     /// # Panics
     /// If `input` is that of another robot.
@@ -136,9 +136,9 @@ impl Captured {
         RobotPart::write(&self.places, bodies, input, self.floating.input_mut());
     }
 
-    /// Advances by one step of `dt` \[s\] under the robot's input that `forcing` makes of `input` at every stage. It is
-    /// given attitude and joints of the robot, with centre of mass and momentum of the whole. Afterwards the input that
-    /// it gives for the new state is held, and in `input`.
+    /// Advances by one step of `dt` \[s\]; `forcing` changes the robot's input at every stage, starting from `input`.
+    /// `forcing` receives attitude and joints of the robot, but centre of mass and momentum of the joined system.
+    /// Afterwards its input for the new state is held, and returned in `input`.
     ///
     /// # Panics
     /// If `input` is that of another robot.
@@ -151,9 +151,9 @@ impl Captured {
         self.choose_axes_if_tilted();
     }
 
-    /// As [`Self::step_with`], but `step` moves the joined system: with other bodies that it touches, for example. It is given
-    /// the forces at every stage. The axes of a spherical joint stay: between two calls the joint may turn by half a radian at most, and
-    /// [`Self::choose_axes_if_tilted`] must be called.
+    /// As [`Self::step_with`], but `step` advances the joined system, for example together with other bodies in
+    /// contact; it must apply the given forces at every stage. The axes of a spherical joint are not redefined: the
+    /// joint may turn by half a radian at most before [`Self::choose_axes_if_tilted`] is called.
     ///
     /// # Panics
     /// If `input` is that of another robot.

@@ -14,7 +14,7 @@ use crate::spatial::Pose;
 pub struct ReleaseSpring {
     /// Direction of the push on the target, axes of the robot's grasp frame.
     pub direction: Vector3<f64>,
-    /// Energy that it gives to both \[J\].
+    /// Energy that the spring gives to both bodies together \[J\].
     pub energy: f64,
 }
 
@@ -28,8 +28,8 @@ pub struct Released {
 }
 
 impl Captured {
-    /// Robot and target as they are when the grasp opens, pushed apart by `spring`. Momentum of both together is
-    /// that of the joined system.
+    /// States of robot and target when the grasp opens, pushed apart by `spring`. Their total momentum is that of the
+    /// joined system.
     pub fn release(&self, spring: Option<&ReleaseSpring>) -> Released {
         let (state, workspace) = (self.floating().state(), self.floating().workspace());
         let (mut of_robot, mut of_target) =
@@ -58,7 +58,7 @@ impl Captured {
         let X_WB = state.X_WB(workspace);
         robot.set_base(&mut of_robot, &isometry(&X_WB), workspace.V_WB_B());
         robot.R_WB = state.R_WB;
-        // What the target does not take stays with the robot, to the last digit.
+        // The robot's momentum is the total minus the target's, so that the sum is exact.
         let total = total_momentum(&[state], &robot.p_WC);
         let taken = total_momentum(&[&target], &robot.p_WC);
         robot.momentum_W = Momentum {
@@ -78,8 +78,8 @@ impl Captured {
     }
 }
 
-/// Robot and target, each with its scratch memory, pushed apart by `spring` at the robot's frame of `grasp`. The spring's
-/// energy counts as work on the robot.
+/// Pushes robot and target, each with its scratch memory, apart by `spring` at the robot's frame of `grasp`. The
+/// spring's energy counts as work on the robot.
 pub(super) fn push(
     (robot, of_robot): (&State, &mut Workspace),
     (target, of_target): (&State, &mut Workspace),

@@ -1,4 +1,5 @@
-//! Interface for a program that owns robots and targets itself: their states, and the effect of contacts on them.
+//! Interface for a program that owns robots and targets itself: exchange of their states, and effects of contacts on
+//! them.
 
 use nalgebra::Vector3;
 
@@ -10,7 +11,7 @@ use crate::spatial::Wrench;
 
 impl ContactWorld {
     /// Advances all systems by `dt` \[s\], as [`Self::step`]. At every stage `forces` sets the input of system `system`
-    /// from time \[s\], state and the input of the last call; afterwards what it gives for the new state is held.
+    /// from time \[s\], state and the input of the last call; afterwards its input for the new state is held.
     ///
     /// # Errors
     /// As [`Self::step`].
@@ -25,7 +26,7 @@ impl ContactWorld {
 
     /// Steps all systems by their own integrators.
     pub(super) fn step_freely(&mut self, dt: f64, longest: f64, drive: &mut Drive) {
-        // A rounding error above a whole number of steps must not add a step.
+        // Rounding of a whole number of steps must not add a step.
         let steps = (dt / longest - 1e-6).ceil().max(1.0);
         let step = dt / steps;
         for (i, system) in self.systems.iter_mut().enumerate() {
@@ -44,7 +45,7 @@ impl ContactWorld {
         self.radau.restart();
     }
 
-    /// Evaluates the forces in the new state, and holds them.
+    /// Evaluates the forces at the new state, and holds them.
     pub(super) fn hold_last(&mut self, drive: &mut Drive) {
         if let Some((i, forces)) = &mut drive.forces {
             let system = &mut self.systems[*i];
@@ -53,7 +54,7 @@ impl ContactWorld {
         }
     }
 
-    /// Gives `body`, a copy of system `i`, its state. This does not allocate.
+    /// Copies the state of system `i` to `body`, a copy of that system. Does not allocate.
     ///
     /// # Panics
     /// If `body` is another system.
@@ -62,7 +63,8 @@ impl ContactWorld {
         body.change_state(|own| own.copy_from(state));
     }
 
-    /// Replaces the state of system `i`. Contact with bodies that it overlaps with is ignored until they have separated.
+    /// Replaces the state of system `i`. Contacts with bodies that overlap in the new state are ignored until they have
+    /// separated.
     ///
     /// # Panics
     /// If the state is of another system.
@@ -72,7 +74,7 @@ impl ContactWorld {
         self.systems[i].set_state(state.clone());
     }
 
-    /// Ignores contact of colliders that overlap now and for which `is_new` is true, until they have separated.
+    /// Ignores contacts of colliders that overlap now and for which `is_new` is true, until they have separated.
     pub fn suspend_overlaps(&mut self, is_new: impl Fn([super::ColliderId; 2]) -> bool) {
         self.begin();
         let scene = &mut self.scene;
@@ -81,7 +83,7 @@ impl ContactWorld {
             let overlaps = (scene.points[pair.points.clone()].iter()).any(|p| p.touch.gap < 0.0);
             pair.is_suspended |= overlaps && is_new(colliders);
         }
-        // No event of these has happened.
+        // Discard the events of these contacts: they are ignored.
         self.events.clear();
         self.is_changed = true;
     }
@@ -107,13 +109,13 @@ impl ContactWorld {
         self.contact_work[i]
     }
 
-    /// Energy that contacts have dissipated since the start \[J\]: what they have taken from the systems, less what
-    /// they store. Deflection of bristles counts as dissipated.
+    /// Energy that contacts have dissipated since the start \[J\]: the energy taken from the systems, less the energy
+    /// stored in normal deflections. Deflection of bristles counts as dissipated.
     pub fn dissipated_energy(&self) -> f64 {
         self.dissipated
     }
 
-    /// Adds the wrenches of contacts on the bodies of system `i` to those of `input`: about the origins of the bodies'
+    /// Adds the wrenches of contacts on the bodies of system `i` to those in `input`: about the origins of the bodies'
     /// frames, in their axes.
     ///
     /// # Panics

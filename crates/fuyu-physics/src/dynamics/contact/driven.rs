@@ -1,4 +1,4 @@
-//! Right-hand side of the equations of motion, with forces that change within a step.
+//! Right-hand side of the equations of motion, with forces that are evaluated at every stage of a step.
 
 use nalgebra::Vector3;
 
@@ -11,7 +11,7 @@ use crate::spatial::Wrench;
 /// Function that sets the input of a system at every stage of a step, from time \[s\] and state.
 pub(super) type Forces<'a> = &'a mut dyn FnMut(f64, &State, &mut Input);
 
-/// Forces on a system that change within a step.
+/// Forces that are evaluated at every stage of a step.
 pub(super) struct Drive<'a> {
     /// The system, and its forces; `None` if all inputs are held.
     pub forces: Option<(usize, Forces<'a>)>,
@@ -44,7 +44,7 @@ impl Equations for Driven<'_, '_> {
 }
 
 impl Scene {
-    /// Rates of the state `y`, at which [`Self::locate`] and [`Self::touch`] were called.
+    /// Computes the rates of the state `y`, for which [`Self::locate`] and [`Self::touch`] must have been called.
     fn rates(&mut self, y: &[f64], rates: &mut [f64]) {
         rates.fill(0.0);
         for pair in &self.pairs {

@@ -2,7 +2,7 @@
 
 use super::law::LawError;
 
-/// Why a pair of colliders is not accepted, or two bodies cannot be where they are.
+/// Why a pair of colliders is refused, the initial state is refused, or the integration fails.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ContactError {
     /// A parameter of the law is out of range.

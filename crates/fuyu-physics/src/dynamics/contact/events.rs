@@ -30,16 +30,16 @@ pub struct ContactPoint {
     pub slip: Vector3<f64>,
 }
 
-/// A point begins or ends to touch.
+/// A contact point begins or ends to touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactEvent {
     /// Time \[s\].
     pub time: f64,
     /// The two colliders.
     pub colliders: [ColliderId; 2],
-    /// Number of the point of this pair.
+    /// Number of the contact point within its pair of colliders.
     pub point: usize,
-    /// Whether it begins.
+    /// Whether the contact begins.
     pub begins: bool,
 }
 
@@ -48,9 +48,9 @@ pub struct ContactEvent {
 pub struct ContactWork {
     /// Steps.
     pub steps: usize,
-    /// Steps that were repeated with a shorter one.
+    /// Steps that were rejected and repeated with a shorter step.
     pub rejected: usize,
-    /// Jacobians.
+    /// Evaluations of the Jacobian.
     pub jacobians: usize,
     /// Events: contacts that began or ended.
     pub events: usize,

@@ -25,17 +25,17 @@ pub struct ContactLaw {
     /// Where between the two surfaces the forces act, as a fraction of the depth: 0 at the deepest point of the
     /// first shape, 1/2 in the middle.
     pub point_weight: f64,
-    /// Elastic deflection instead of creep.
+    /// Elastic deflection instead of creep, if given.
     pub bristle: Option<Bristle>,
 }
 
-/// Deflection of asperities under friction: the model of C. Canudas de Wit, H. Olsson, K. Åström and P. Lischinsky
-/// (A new model for control of systems with friction, IEEE Trans. Automatic Control 40, 1995), per unit of normal
-/// force. The deflection `z` grows with the slip, `z' = v - g σ z / μ`, and friction is `-F (σ z + σ₁ z')`. In the
-/// model `g = |v|`; here `g = v² / sqrt(v² + v_s² (1 - s²))` with `s = σ |z| / μ`, which is `|v|` where the elastic part
-/// `F σ |z|` is `μ F` and less where it is not. So the elastic part is at most `μ F` and is that in steady sliding at any
-/// speed. Under a constant load less than `μ F` the slip ends; one that varies creeps less than with `|v|`. The damping
-/// adds to friction only while `z` changes.
+/// Deflection of asperities under friction: the model of C. Canudas de Wit, H. Olsson, K. Åström and P. Lischinsky (A
+/// new model for control of systems with friction, IEEE Trans. Automatic Control 40, 1995), per unit of normal force.
+/// The deflection `z` grows with the slip, `z' = v - g σ z / μ`, and friction is `-F (σ z + σ₁ z')`. The cited model
+/// has `g = |v|`; here `g = v² / sqrt(v² + v_s² (1 - s²))` with `s = σ |z| / μ`, which is `|v|` where the elastic part
+/// `F σ |z|` is `μ F` and less otherwise. So the elastic part is at most `μ F`, and equals `μ F` in steady sliding at
+/// any speed. Under a constant load less than `μ F` the slip ends; a varying load causes less creep than with `|v|`.
+/// The damping adds to friction only while `z` changes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bristle {
     /// Stiffness `σ` \[1/m\]: friction over normal force per deflection.
@@ -52,7 +52,7 @@ pub struct LawError {
     pub field: &'static str,
     /// Its value.
     pub value: f64,
-    /// What would be right.
+    /// The allowed range.
     pub wanted: &'static str,
 }
 
@@ -134,8 +134,8 @@ impl ContactLaw {
         Ok(())
     }
 
-    /// Elastic part `k δ^p` of the normal force \[N\], continued smoothly to negative depths, where an integrator
-    /// may try it.
+    /// Elastic part `k δ^p` of the normal force \[N\], continued smoothly to negative depths, which an integrator may
+    /// try.
     pub(super) fn elastic_force(&self, depth: f64) -> f64 {
         let size = depth.abs();
         let power = if self.exponent == 1.0 {
@@ -167,7 +167,7 @@ impl ContactLaw {
         slip * (-self.friction * normal / speed)
     }
 
-    /// Rate of the deflection `z` of `bristle`, see there.
+    /// Rate of the deflection `z`, see [`Bristle`].
     pub(super) fn deflection_rate(
         &self,
         bristle: &Bristle,
@@ -189,8 +189,8 @@ impl ContactLaw {
         slip - z * (speed * per_deflection)
     }
 
-    /// Slip \[m/s\] at which a contact without bristle creeps under a tangential load of `fraction` of `μ F`;
-    /// infinite from 1 on.
+    /// Slip \[m/s\] at which a contact without bristle creeps under a tangential load of `fraction` times `μ F`;
+    /// infinite for fractions of 1 and above.
     pub fn creep(&self, fraction: f64) -> f64 {
         if fraction < 1.0 {
             self.stiction_speed * fraction / (1.0 - fraction * fraction).sqrt()
@@ -262,7 +262,7 @@ mod tests {
                 restitution(a)
             );
         }
-        // Across the change of formulas; the slope is -2/3.
+        // Across the change between the two formulas; the slope is -2/3.
         let step = restitution(0.99e-4) - restitution(1.01e-4);
         assert!((step - 1.3331e-6).abs() < 1e-9, "{step}");
         assert!((restitution(1e3) - 1e-3).abs() < 1e-12);
@@ -311,8 +311,8 @@ mod tests {
         }
     }
 
-    // A load of 1.2 times the limit accelerates a body by the excess; with more friction than Coulomb's it creeps at 1.5 v_s
-    // for ever. One of 0.9 times the limit does not move it on.
+    // A load of 1.2 times the limit accelerates a body by the excess; with more friction than Coulomb's it would creep
+    // at 1.5 v_s for ever. A load of 0.9 times the limit stops moving it.
     #[test]
     fn a_load_above_the_limit_slips_and_one_below_does_not() {
         let law = ContactLaw::default();
@@ -320,7 +320,7 @@ mod tests {
             stiffness: 1e4,
             damping: 60.0,
         };
-        // Mass 1 kg under a normal force of 10 N: speed and way after a time.
+        // Mass 1 kg under a normal force of 10 N: speed and distance after a time.
         let run = |load: f64, duration: f64| {
             let (mut v, mut x, mut z) = (Vector3::<f64>::zeros(), 0.0, Vector3::zeros());
             let dt = 2e-6;

@@ -1,9 +1,9 @@
 //! Compliant contact of floating systems: shapes, the law of forces, and a world that steps several systems together.
 //!
-//! A [`ContactWorld`] owns [`Floating`](crate::dynamics::Floating) systems. [`Shape`]s are fixed to their bodies,
-//! and pairs of them touch under a [`ContactLaw`]: springs that dissipate (Hunt and Crossley), smooth Coulomb
-//! friction or bristles. Forces are equal and opposite at one point, so that total momentum does not change. Events
-//! are located, and steps are controlled by their error.
+//! A [`ContactWorld`] owns [`Floating`](crate::dynamics::Floating) systems. [`Shape`]s are fixed to their bodies; pairs
+//! of shapes touch under a [`ContactLaw`]: dissipative springs (Hunt and Crossley), smooth Coulomb friction or
+//! bristles. Contact forces are equal and opposite at one point, so that total momentum does not change. Events are
+//! located, and steps are controlled by their error.
 
 mod coupling;
 mod driven;

@@ -7,7 +7,7 @@ use super::shape::ShapeError;
 /// Largest number of vertices of a convex hull: the cost of a contact grows with it.
 const VERTICES: usize = 256;
 
-/// Points closer than this to a plane are in it, relative to the size of the hull.
+/// Distance below which points lie in a plane, relative to the size of the hull.
 const FLAT: f64 = 1e-9;
 
 /// A face.
@@ -21,7 +21,7 @@ pub(super) struct Face {
     pub vertices: Vec<usize>,
 }
 
-/// A convex polyhedron. Made by [`Shape::cuboid`](super::Shape::cuboid) and
+/// A convex polyhedron, made by [`Shape::cuboid`](super::Shape::cuboid) or
 /// [`Shape::convex_hull`](super::Shape::convex_hull).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Polyhedron {
@@ -70,7 +70,7 @@ impl Polyhedron {
         Self::from_faces(vertices, outlines)
     }
 
-    /// A prism about z, its edges on a cylinder.
+    /// A prism about z with its edges on a cylinder.
     pub(super) fn prism(radius: f64, half_length: f64, sides: usize) -> Self {
         let mut vertices = Vec::new();
         for i in 0..sides {
@@ -92,7 +92,7 @@ impl Polyhedron {
         Self::from_faces(vertices, outlines)
     }
 
-    /// From vertices, and per face its normal and the set of its vertices.
+    /// A polyhedron from vertices and, for each face, the normal and the indices of its vertices.
     fn from_faces(vertices: Vec<Vector3<f64>>, outlines: Vec<(Vector3<f64>, Vec<usize>)>) -> Self {
         let mut faces = Vec::new();
         let mut edges: Vec<[usize; 2]> = Vec::new();
@@ -162,7 +162,7 @@ impl Polyhedron {
             if outlines.iter().any(is_known) {
                 continue;
             }
-            // Triangles in one plane are one face.
+            // Coplanar triangles are merged into one face.
             let on: Vec<usize> = (0..vertices.len())
                 .filter(|&i| (normal.dot(&vertices[i]) - offset).abs() <= FLAT * size)
                 .collect();
@@ -206,8 +206,8 @@ impl Polyhedron {
         best
     }
 
-    /// Height of a point over the face that it is furthest above: the signed distance if it is inside or over that
-    /// face, otherwise a lower bound.
+    /// Height of a point over the face that it is furthest above: the exact signed distance if the point is inside or
+    /// over that face, otherwise a lower bound.
     pub(super) fn above(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let mut best = (f64::NEG_INFINITY, Vector3::z());
         for face in &self.faces {
@@ -281,7 +281,7 @@ fn hull_triangles(points: &[Vector3<f64>]) -> Result<Vec<[usize; 3]>, ShapeError
         if seen.is_empty() {
             continue;
         }
-        // Edges of the part that the point sees, and that no other triangle of that part has the other way.
+        // Boundary edges of the visible triangles: edges whose reverse belongs to no visible triangle.
         let directed: Vec<[usize; 2]> = seen
             .iter()
             .flat_map(|&[i, j, k]| [[i, j], [j, k], [k, i]])

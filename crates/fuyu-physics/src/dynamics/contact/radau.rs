@@ -1,21 +1,21 @@
 //! Radau's implicit method of order 5 with error control, for stiff motion.
 //!
-//! The method has three stages and is L-stable: infinitely stiff modes decay in one step. Stages are found by simplified
-//! Newton iterations; a transformation splits their linear system into a real and a complex one of the size of the
-//! state (E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, 1996, section IV.8, whose estimate
-//! of the error, starting values and step control are used). Each iteration conserves every conserved quantity that is a
-//! linear function of the state, whether or not it has converged.
+//! The method has three stages and is L-stable: infinitely stiff modes decay in one step. Stages are found by
+//! simplified Newton iterations; a transformation splits their linear system into a real and a complex one of the size
+//! of the state (E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, 1996, section IV.8; error
+//! estimate, starting values and step control are also theirs). Each iteration conserves every conserved quantity that
+//! is linear in the state, whether or not it has converged.
 
 use nalgebra::{Complex, ComplexField};
 
 /// Nodes of the stages; the last is the end of the step.
 const C: [f64; 3] = [0.155_051_025_721_682_2, 0.644_948_974_278_317_8, 1.0];
 
-/// Eigenvalues of the inverse of the method's matrix.
+/// Eigenvalues of the inverse of the Runge-Kutta matrix.
 const MU_REAL: f64 = 3.637_834_252_744_496;
 const MU_COMPLEX: Complex<f64> = Complex::new(2.681_082_873_627_752_3, -3.050_430_199_247_410_5);
 
-/// Its eigenvectors, and their inverse.
+/// Eigenvectors of the inverse of the Runge-Kutta matrix, and their inverse.
 const T: [[f64; 3]; 3] = [
     [
         0.094_438_762_488_975_24,
@@ -50,18 +50,18 @@ const T_INVERSE: [[f64; 3]; 3] = [
 /// `(-13 - 7 √6) / 3`, `(-13 + 7 √6) / 3`, `-1/3`: weights of the error estimate.
 const E: [f64; 3] = [-10.048_809_399_827_416, 1.382_142_733_160_749, -1.0 / 3.0];
 
-/// Limit of the iterations.
+/// Limit of the Newton iterations.
 const ITERATIONS: usize = 7;
 
 /// Differential equations.
 pub(super) trait Equations {
     /// Rates of the state `y`, `after` the start of the step \[s\].
     fn rates(&mut self, after: f64, y: &[f64], rates: &mut [f64]);
-    /// Size of each entry of the state that counts as one unit of error.
+    /// For each entry of the state, the size that counts as one unit of error.
     fn scale(&self) -> &[f64];
 }
 
-/// A factored matrix.
+/// An LU-factored matrix.
 #[derive(Debug, Clone)]
 struct Factors<T> {
     n: usize,
@@ -146,12 +146,12 @@ pub(super) struct Radau {
     jacobian: Vec<f64>,
     real: Factors<f64>,
     complex: Factors<Complex<f64>>,
-    /// Step for which the matrices are factored; zero if for none.
+    /// Step length for which the matrices are factored; zero if they are not.
     factored: f64,
     /// Whether the Jacobian is that of the state at the start of the step.
     pub is_current: bool,
     has_jacobian: bool,
-    /// Stages, less the start.
+    /// Stages minus the start of the step.
     z: [Vec<f64>; 3],
     w: [Vec<f64>; 3],
     rates: [Vec<f64>; 3],
@@ -162,10 +162,10 @@ pub(super) struct Radau {
     update: Vec<f64>,
     complex_update: Vec<Complex<f64>>,
     error: Vec<f64>,
-    /// Stages of the last accepted step, and its length, from which the next step starts.
+    /// Stages of the last accepted step, and its length, from which the next step is extrapolated.
     last: Option<f64>,
     last_z: [Vec<f64>; 3],
-    /// Iterations of the last step, and their rate of convergence.
+    /// Iterations of the last step, and their convergence rate.
     pub iterations: usize,
     pub convergence: f64,
     /// Whether the stages of the last step are finite.
@@ -206,12 +206,12 @@ impl Radau {
         C
     }
 
-    /// Whether there is no Jacobian of the present equations.
+    /// Whether no Jacobian has been computed for the present equations.
     pub fn is_new(&self) -> bool {
         !self.has_jacobian
     }
 
-    /// Forgets the last step, after an event or a change of the equations.
+    /// Discards the last step, after an event or a change of the equations.
     pub fn restart(&mut self) {
         self.last = None;
         self.is_current = false;
@@ -219,7 +219,7 @@ impl Radau {
         self.factored = 0.0;
     }
 
-    /// Rates at the start of the steps to come.
+    /// Computes the rates at the start of the next steps.
     pub fn begin(&mut self, y: &[f64], equations: &mut impl Equations) {
         equations.rates(0.0, y, &mut self.start_rates);
     }
@@ -250,9 +250,9 @@ impl Radau {
         (squares / x.len() as f64).sqrt()
     }
 
-    /// Tries a step of `h` from `y`, whose rates [`Self::begin`] has computed. Returns the error estimate, in units
-    /// of the scale; `None` if the iteration does not converge to `tolerance` of it. The end of the step is its
-    /// last [`Self::stage`].
+    /// Tries a step of `h` from `y`; [`Self::begin`] must have computed the rates at `y`. Returns the error estimate,
+    /// in units of the scale; `None` if the iteration does not converge to `tolerance` of it. The end of the step is
+    /// its last [`Self::stage`].
     pub fn step(
         &mut self,
         y: &[f64],
@@ -321,7 +321,7 @@ impl Radau {
                 converged = true;
                 break;
             }
-            // Where only rounding is left, the iteration does not gain any more.
+            // Once only rounding errors are left, the iteration does not converge further.
             if iteration > 1 && theta > 0.3 && change <= 20.0 * tolerance {
                 converged = true;
                 break;
@@ -352,7 +352,7 @@ impl Radau {
         if error < 1.0 {
             return error;
         }
-        // Of stiff parts the first estimate is too large.
+        // For stiff components the first estimate is too large.
         for ((point, y), error) in self.point.iter_mut().zip(y).zip(&self.error) {
             *point = y + error;
         }
@@ -364,7 +364,7 @@ impl Radau {
         Self::norm(&self.error, equations.scale())
     }
 
-    /// Starting values of the stages: the polynomial of the last step continued, otherwise the start.
+    /// Starting values of the stages: extrapolation of the last step's polynomial, or the start of the step.
     fn guess(&mut self, h: f64) {
         let Some(last) = self.last else {
             for (z, w) in self.z.iter_mut().zip(&mut self.w) {
@@ -375,7 +375,7 @@ impl Radau {
         };
         let ratio = h / last;
         for k in 0..self.n {
-            // Through the start of the last step (0) and its stages.
+            // Values of that polynomial at the start of the last step (0) and at its stages.
             let values = [0.0, self.last_z[0][k], self.last_z[1][k], self.last_z[2][k]];
             let at = |x: f64| {
                 let nodes = [0.0, C[0], C[1], C[2]];
@@ -400,12 +400,12 @@ impl Radau {
         }
     }
 
-    /// Change of the state up to stage `i` of the last step.
+    /// Change of the state from the start of the last step to stage `i`.
     pub fn stage(&self, i: usize) -> &[f64] {
         &self.z[i]
     }
 
-    /// Remembers the last step, from which the next one continues.
+    /// Stores the last step, for the extrapolation of the next one.
     pub fn accept(&mut self, h: f64) {
         std::mem::swap(&mut self.z, &mut self.last_z);
         self.last = Some(h);

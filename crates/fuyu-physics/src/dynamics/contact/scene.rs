@@ -1,9 +1,9 @@
-//! The equations of motion of several floating systems that touch.
+//! The equations of motion of several floating systems in contact.
 //!
-//! The state of each system is its attitude since the start of the step, centre of mass, joint positions, joint rates, and
-//! momentum; the angular momentum of all systems is taken about one common point. Forces at a contact then change
-//! two momenta by opposite amounts, which sum to zero to the last digit. Total momentum is a linear function of this state,
-//! so any Runge-Kutta method conserves it.
+//! The state of each system is its attitude relative to the start of the step, centre of mass, joint positions, joint
+//! rates, and momentum; the angular momentum of all systems is taken about one common point. A contact force then
+//! changes two momenta by exactly opposite amounts. Total momentum is a linear function of this state, so any
+//! Runge-Kutta method conserves it.
 
 use std::ops::Range;
 
@@ -16,7 +16,7 @@ use crate::dynamics::rate::turn;
 use crate::dynamics::{Floating, ForwardDynamics, Input, State, TreeAcceleration, Workspace};
 use crate::spatial::{Pose, Wrench};
 
-/// Distance \[m\] of the spheres that contain two shapes beyond which their points are not looked for.
+/// Distance \[m\] of the bounding spheres of two shapes above which contact points are not computed.
 const FAR: f64 = 0.1;
 
 /// A shape fixed to a body.
@@ -26,7 +26,7 @@ pub(super) struct Collider {
     pub body: usize,
     pub X_BS: Pose,
     pub shape: Shape,
-    /// Its name in messages, if not that of its body.
+    /// Name in messages, if it is not that of the body.
     pub name: Option<String>,
     /// Pose in the world.
     pub X_WS: Pose,
@@ -38,22 +38,22 @@ pub(super) struct Pair {
     pub first: usize,
     pub second: usize,
     pub law: ContactLaw,
-    /// Its points.
+    /// Indices of its contact points.
     pub points: Range<usize>,
-    /// Whether it does not act until all its points have been apart.
+    /// Whether the pair is ignored until all its points have separated.
     pub is_suspended: bool,
 }
 
-/// Mode of a point; it changes at events only, so that forces are smooth in between.
+/// Contact mode of a point; it changes only at events, so that forces are smooth in between.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Mode {
     Apart,
     Touching,
-    /// Inside, but moving apart too fast for a force.
+    /// In contact, but separating so fast that the force is zero.
     Parting,
 }
 
-/// A possible point of contact.
+/// A possible contact point.
 #[derive(Debug, Clone)]
 pub(super) struct Point {
     pub touch: Touch,
@@ -65,11 +65,11 @@ pub(super) struct Point {
     /// Force on the first body, world axes \[N\], and its normal part.
     pub force: Vector3<f64>,
     pub normal_force: f64,
-    /// Slip of the first body, world axes.
+    /// Velocity of the first body relative to the second along the surface, world axes.
     pub slip: Vector3<f64>,
     /// Power of the forces on the first and the second body \[W\].
     pub power: [f64; 2],
-    /// Entry of the deflection in the state.
+    /// Index of the bristle's deflection in the state vector.
     pub deflection: Option<usize>,
 }
 
@@ -79,13 +79,13 @@ pub(super) struct Member {
     pub state: State,
     pub workspace: Workspace,
     pub dynamics: ForwardDynamics,
-    /// Held efforts and wrenches, and those with contact.
+    /// Held efforts and wrenches, and the same with contact forces added.
     pub held: Input,
     pub input: Input,
     pub out: TreeAcceleration,
     /// Attitude at the start of the step.
     pub R_start: UnitQuaternion<f64>,
-    /// First entry in the state, and that of work, dissipation, and work of contacts.
+    /// Index of the first entry in the state vector, and of the entries of work, dissipation, and contact work.
     pub offset: usize,
     pub quadrature: usize,
     /// Force of contacts on each body, and torque about its origin; world axes.
@@ -94,7 +94,7 @@ pub(super) struct Member {
     pub X_WB: Vec<Pose>,
 }
 
-/// Entries of a system that are sums over time: work, dissipation, and work of contacts.
+/// Number of entries of a system that are integrals over time: work, dissipation, and contact work.
 const QUADRATURES: usize = 3;
 
 impl Member {
@@ -138,9 +138,9 @@ pub(super) struct Scene {
     pub colliders: Vec<Collider>,
     pub pairs: Vec<Pair>,
     pub points: Vec<Point>,
-    /// Point about which angular momentum is taken.
+    /// Common reference point of the angular momenta.
     pub origin: Vector3<f64>,
-    /// Unit of error of each entry of the state.
+    /// For each entry of the state vector, the size of one unit of error.
     pub scale: Vec<f64>,
     touches: Vec<Touch>,
 }
@@ -158,7 +158,7 @@ impl Scene {
         }
     }
 
-    /// Assigns the entries of the state; returns their number.
+    /// Assigns the indices of the state vector; returns its length.
     pub fn assign(&mut self, tolerance: f64) -> usize {
         let mut next = 0;
         for member in &mut self.members {
@@ -197,7 +197,7 @@ impl Scene {
             member.quadrature = next;
             next += QUADRATURES;
         }
-        // One metre, radian, metre per second or radian per second; momentum as that of these speeds.
+        // In units of one metre, radian, metre per second or radian per second; momentum as at these speeds.
         self.scale = vec![tolerance; next];
         for member in &self.members {
             let (mass, inverse) = (
@@ -223,7 +223,7 @@ impl Scene {
         next
     }
 
-    /// Takes over the state of every system, and writes it to `y`.
+    /// Copies the state of every system, and writes it to the state vector `y`.
     pub fn start<'a>(&mut self, systems: impl Iterator<Item = &'a State>, y: &mut [f64]) {
         for (member, state) in self.members.iter_mut().zip(systems) {
             member.state.copy_from(state);
@@ -248,7 +248,7 @@ impl Scene {
         }
     }
 
-    /// Makes the attitudes of `y` the new start.
+    /// Makes the attitudes of `y` the new reference attitudes.
     pub fn turn_on(&mut self, y: &mut [f64]) {
         for member in &mut self.members {
             let turned = &mut y[member.offset..][..3];
@@ -258,7 +258,7 @@ impl Scene {
         }
     }
 
-    /// The state of system `i` in `y`, with the work and dissipation so far.
+    /// Writes the state of system `i` in `y` to `state`, with work and dissipation so far.
     pub fn read(&self, i: usize, y: &[f64], state: &mut State) {
         let member = &self.members[i];
         set_state(member, &self.origin, y, state);
@@ -271,7 +271,7 @@ impl Scene {
         y[self.members[i].quadrature + 2]
     }
 
-    /// Poses, motion and contacts at `y`.
+    /// Computes poses, velocities and contact geometry at `y`.
     pub fn locate(&mut self, y: &[f64]) {
         for member in &mut self.members {
             let mut state = std::mem::replace(&mut member.state, State::empty());
@@ -291,7 +291,7 @@ impl Scene {
         }
     }
 
-    /// The contacts at `y` in the modes that they have, and their forces.
+    /// Computes the contact forces at `y` in the present modes.
     pub fn touch(&mut self, y: &[f64]) {
         for pair in &self.pairs {
             let (first, second) = (&self.colliders[pair.first], &self.colliders[pair.second]);
@@ -315,7 +315,8 @@ impl Scene {
                 point.touch = *touch;
                 let depth = -touch.gap;
                 let law = &pair.law;
-                // From the second body to the first; the fraction of the depth is counted from the first one's side.
+                // The normal points from the second body to the first; the fraction of the depth is counted from the
+                // first one's side.
                 let (normal, weight) = match touch.of_second {
                     false => (touch.normal, law.point_weight),
                     true => (-touch.normal, 1.0 - law.point_weight),
@@ -357,14 +358,13 @@ impl Scene {
         }
     }
 
-    /// Contacts at `y`, without the accelerations.
+    /// Computes contacts at `y`, but no accelerations.
     pub fn look(&mut self, y: &[f64]) {
         self.locate(y);
         self.touch(y);
     }
 
-    /// By how much the mode of a point is wrong: positive if it should have changed. Where several should, the
-    /// largest.
+    /// Largest violation of the contact modes: positive if at least one mode should have changed.
     pub fn violation(&self) -> f64 {
         let mut worst = f64::NEG_INFINITY;
         for pair in self.pairs.iter().filter(|pair| !pair.is_suspended) {
@@ -375,7 +375,7 @@ impl Scene {
         worst
     }
 
-    /// Pairs whose points are all apart act again.
+    /// Ends the suspension of pairs whose points are all apart.
     pub fn resume_pairs(&mut self) {
         for pair in self.pairs.iter_mut().filter(|pair| pair.is_suspended) {
             let mut points = self.points[pair.points.clone()].iter();
@@ -383,7 +383,7 @@ impl Scene {
         }
     }
 
-    /// Pairs of the systems that were `replaced` do not act if they overlap.
+    /// Suspends pairs of the systems that were `replaced` if they overlap.
     pub fn suspend_pairs(&mut self, replaced: &[bool]) {
         for pair in &mut self.pairs {
             let systems = [pair.first, pair.second].map(|i| self.colliders[i].system);
@@ -393,9 +393,9 @@ impl Scene {
         }
     }
 
-    /// Changes the modes of the points that are wrong; deflections of points that begin to touch start at zero.
-    /// Calls `note` with the colliders, the number of the point, and whether it touches now, for each that begins
-    /// or ends to.
+    /// Updates the modes of points that violate them; bristles of points that begin to touch start undeflected. Calls
+    /// `note` for each point that begins or ends to touch, with the two colliders, the number of the point, and whether
+    /// it begins.
     pub fn change_modes(&mut self, y: &mut [f64], mut note: impl FnMut(usize, usize, usize, bool)) {
         for pair in self.pairs.iter().filter(|pair| !pair.is_suspended) {
             for (i, point) in self.points[pair.points.clone()].iter_mut().enumerate() {
@@ -428,7 +428,7 @@ impl Scene {
         times.fold(f64::INFINITY, f64::min)
     }
 
-    /// Whether nothing touches, nor can within `dt` \[s\], even at several times the present speed.
+    /// Whether no bodies are in contact or can be within `dt` \[s\], even at several times the present speed.
     pub fn is_apart(&self, dt: f64) -> bool {
         const MARGIN: f64 = 0.02;
         let is_apart = self
@@ -441,8 +441,8 @@ impl Scene {
                 .all(|(gap, _, speed)| gap - MARGIN > 4.0 * speed * dt)
     }
 
-    /// Per pair with points that are apart: the smallest gap, the size of the smaller shape, and a bound of the
-    /// speed of approach.
+    /// For each pair with points that are apart: the smallest gap, the size of the smaller shape, and an upper bound of
+    /// the approach speed.
     fn approaches(&self) -> impl Iterator<Item = (f64, f64, f64)> + '_ {
         self.pairs.iter().filter_map(|pair| {
             let points = &self.points[pair.points.clone()];
@@ -457,7 +457,7 @@ impl Scene {
             let size = (first.shape.bounding_radius()).min(second.shape.bounding_radius());
             let member = |collider: &Collider| &self.members[collider.system];
             let centre = |collider: &Collider| collider.X_WS.translation.vector;
-            // A half-space has no centre: of two shapes, the smaller one is where they can touch.
+            // A half-space has no centre: use the centre of the other shape.
             let at = match (&first.shape, &second.shape) {
                 (Shape::HalfSpace, _) => [centre(second); 2],
                 (_, Shape::HalfSpace) => [centre(first); 2],
@@ -491,7 +491,7 @@ impl Scene {
     }
 }
 
-/// Lower bound of the distance of two shapes \[m\], from the spheres that contain them.
+/// Lower bound of the distance of two shapes \[m\], from their bounding spheres.
 fn bound_of_gap(first: &Collider, second: &Collider) -> f64 {
     let reach = first.shape.bounding_radius() + second.shape.bounding_radius();
     let offset = first.X_WS.translation.vector - second.X_WS.translation.vector;
@@ -499,7 +499,7 @@ fn bound_of_gap(first: &Collider, second: &Collider) -> f64 {
 }
 
 fn violation(point: &Point, law: &ContactLaw) -> f64 {
-    /// Metres per unit of the damping factor: only signs matter.
+    /// Scales the damping factor to metres; only the sign matters.
     const FACTOR: f64 = 1e-3;
     let gap = point.touch.gap;
     let damping = 1.0 + law.dissipation * point.rate;
@@ -524,7 +524,7 @@ fn set_state(member: &Member, origin: &Vector3<f64>, y: &[f64], state: &mut Stat
 }
 
 impl State {
-    /// A state of no robot, without allocation.
+    /// A placeholder state, without allocation.
     fn empty() -> Self {
         Self {
             time: 0.0,

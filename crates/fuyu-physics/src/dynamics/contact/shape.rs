@@ -1,4 +1,4 @@
-//! Shapes of contact, and the signed distance of a point from each.
+//! Collision shapes, and the signed distance of a point from each.
 
 use std::sync::Arc;
 
@@ -7,10 +7,10 @@ use nalgebra::Vector3;
 use super::polyhedron::Polyhedron;
 use crate::model::CollisionGeometry;
 
-/// Sides of the prism that stands for a cylinder in contact with anything but a sphere.
+/// Sides of the prism that replaces a cylinder in contact with anything but a sphere.
 const CYLINDER_SIDES: usize = 32;
 
-/// What is wrong with a shape.
+/// Why a shape is refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ShapeError {
     /// A length that is not positive.
@@ -56,8 +56,8 @@ pub enum Shape {
     },
     /// A convex polyhedron.
     Polyhedron(Arc<Polyhedron>),
-    /// A cylinder about z. In contact with anything but a sphere it is a prism with 32 sides, whose edges are on
-    /// the cylinder.
+    /// A cylinder about z. In contact with anything but a sphere it is replaced by a prism with 32 sides, whose edges
+    /// are on the cylinder.
     Cylinder {
         /// Radius \[m\].
         radius: f64,
@@ -71,8 +71,8 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// Whether contact with `other` is not accepted: forces of a capsule on a polyhedron jump from face to face, which
-    /// few and wide faces do not show.
+    /// Whether contact with `other` is refused: the force of a capsule on a polyhedron jumps from face to face, which
+    /// only few and wide faces hide.
     pub(super) fn is_unsafe_with(&self, other: &Self) -> bool {
         let is_capsule = |shape: &Self| matches!(shape, Self::Capsule { .. });
         let has_many_faces = |shape: &Self| match shape {
@@ -135,7 +135,7 @@ impl Shape {
         ))))
     }
 
-    /// The shape of a `<collision>`; of a mesh, the convex hull of its `vertices` (before scaling).
+    /// The shape of a `<collision>`; for a mesh, the convex hull of its `vertices` (before scaling).
     ///
     /// # Errors
     /// [`ShapeError`] as the other constructors.
@@ -202,7 +202,7 @@ impl Shape {
         }
     }
 
-    /// The polyhedron that it is, or that stands for it.
+    /// The polyhedron of the shape, or the prism that replaces it.
     pub(super) fn polyhedron(&self) -> Option<&Polyhedron> {
         match self {
             Self::Polyhedron(polyhedron)

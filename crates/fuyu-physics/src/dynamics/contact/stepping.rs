@@ -1,16 +1,16 @@
-//! Steps of a contact world: events within a step, and forces that change within a step.
+//! Steps of a contact world: location of events within a step, and forces evaluated within a step.
 
 use super::driven::{Drive, Driven};
 use super::radau::Radau;
 use super::world::ContactWorld;
 
-/// Iterations that locate an event.
+/// Limit of the iterations that locate an event.
 const LOCATING: usize = 60;
 /// Depth \[m\] up to which an event counts as located.
 const LOCATED: f64 = 1e-15;
 
 impl ContactWorld {
-    /// By how much modes are wrong after a change of the state.
+    /// Violation of the modes at a stage of the last step.
     fn violation_after(&mut self, stage: usize) -> f64 {
         for ((trial, y), change) in self
             .trial
@@ -24,7 +24,7 @@ impl ContactWorld {
         self.scene.violation()
     }
 
-    /// The first stage of a step of `h` at which a mode should have changed: its time.
+    /// Time of the first stage of a step of `h` at which a mode is violated.
     pub(super) fn find_violation(&mut self, h: f64) -> Option<f64> {
         if self.scene.points.is_empty() {
             return None;
@@ -35,7 +35,7 @@ impl ContactWorld {
             .map(|stage| h * times[stage])
     }
 
-    /// Finds the first event before `after`; the step then ends there. Returns its length.
+    /// Locates the first event before `after` and repeats the step so that it ends there. Returns its length.
     pub(super) fn locate(
         &mut self,
         elapsed: f64,
@@ -45,7 +45,7 @@ impl ContactWorld {
     ) -> f64 {
         let (mut before, mut violation_before) = (0.0, None);
         let mut found_after = self.try_step(elapsed, after, iteration, drive);
-        // What the secant uses: halved where one side stays (the Illinois method).
+        // Value for the secant: halved where one side stays (Illinois method).
         let mut violation_after = found_after;
         let mut last_side = 0;
         for _ in 0..LOCATING {
@@ -58,7 +58,7 @@ impl ContactWorld {
                 }
                 _ => f64::NAN,
             };
-            // A little beyond the root, so that the other side is reached, too.
+            // A little beyond the root, so that the other side of the bracket also moves.
             let guess = guess + 1e-3 * (after - before).min(guess - before);
             let time = if guess > before && guess < after {
                 guess
@@ -84,7 +84,7 @@ impl ContactWorld {
         after
     }
 
-    /// A step of `h` without control of its error; by how much modes are wrong at its end.
+    /// Tries a step of `h` without error control. Returns the violation of the modes at its end.
     fn try_step(&mut self, elapsed: f64, h: f64, iteration: f64, drive: &mut Drive) -> f64 {
         if self.try_radau(elapsed, h, iteration, drive).is_none() {
             self.set_jacobian(elapsed, drive);
@@ -93,7 +93,7 @@ impl ContactWorld {
         self.violation_after(2)
     }
 
-    /// Rates at the start of the steps from `elapsed` \[s\] after the start of the call on.
+    /// Computes the rates for steps that start `elapsed` \[s\] after the start of the call.
     pub(super) fn begin_radau(&mut self, elapsed: f64, drive: &mut Drive) {
         let scene = &mut self.scene;
         let mut equations = Driven {
@@ -104,7 +104,7 @@ impl ContactWorld {
         self.radau.begin(&self.y, &mut equations);
     }
 
-    /// Tries a step of `h` from there, as [`Radau::step`].
+    /// Tries a step of `h`, as [`Radau::step`].
     pub(super) fn try_radau(
         &mut self,
         elapsed: f64,

@@ -1,9 +1,9 @@
 //! Contact points of two shapes: points of one shape over the surface of the other.
 //!
-//! Every pair of shapes has a fixed number of possible points, so that a point keeps its number while it touches.
-//! Pairs without polyhedra are closed forms. Two polyhedra touch at vertices of either that are in the other, and at their
-//! deepest pair of edges, if no face is less deep. A capsule touches a box at the two ends of the part of its axis that
-//! is over a face.
+//! Every pair of shapes has a fixed number of possible contact points, so that a point keeps its number while it
+//! touches. Pairs without polyhedra have closed forms. Two polyhedra touch at vertices of either that are inside the
+//! other, and at their deepest pair of edges, if no face is less deep. A capsule touches a box at the two ends of the
+//! part of its axis that is over a face.
 
 use nalgebra::{Point3, Vector3};
 
@@ -11,13 +11,13 @@ use super::polyhedron::{Face, Polyhedron};
 use super::shape::Shape;
 use crate::spatial::{Pose, closest_points};
 
-/// A point that touches or may touch: a sphere (of radius zero for a vertex) fixed to one shape over the surface of
-/// the other.
+/// A possible contact point: a sphere (of radius zero for a vertex) fixed to one shape, over the surface of the other
+/// shape.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Touch {
     /// Centre of the sphere, world axes.
     pub centre: Vector3<f64>,
-    /// Its radius.
+    /// Radius of the sphere.
     pub radius: f64,
     /// Outward normal of the other's surface, world axes.
     pub normal: Vector3<f64>,
@@ -28,7 +28,7 @@ pub(super) struct Touch {
 }
 
 impl Touch {
-    /// Far away.
+    /// No contact: far away.
     pub const NONE: Self = Self {
         centre: Vector3::new(0.0, 0.0, 0.0),
         radius: 0.0,
@@ -49,7 +49,7 @@ impl Touch {
     }
 }
 
-/// Order in which shapes are the first of a pair.
+/// Rank of a shape: the shape of lower rank is the first of a pair.
 fn rank(shape: &Shape) -> u8 {
     match shape {
         Shape::Sphere { .. } => 0,
@@ -59,7 +59,7 @@ fn rank(shape: &Shape) -> u8 {
     }
 }
 
-/// Number of possible points of a pair; zero for two half-spaces, which do not touch.
+/// Number of possible contact points of a pair; zero for two half-spaces, which are never in contact.
 pub(super) fn count(first: &Shape, second: &Shape) -> usize {
     let (a, b) = if rank(first) <= rank(second) {
         (first, second)
@@ -78,7 +78,7 @@ pub(super) fn count(first: &Shape, second: &Shape) -> usize {
     }
 }
 
-/// Writes the points of a pair of shapes at poses in the world; `out` has [`count`] elements.
+/// Computes the contact points of two shapes at poses in the world; `out` must have [`count`] elements.
 pub(super) fn find(first: (&Shape, &Pose), second: (&Shape, &Pose), out: &mut [Touch]) {
     out.fill(Touch::NONE);
     let apart = (first.1.translation.vector - second.1.translation.vector).norm();
@@ -167,8 +167,8 @@ fn vertices_in_polyhedron(
     }
 }
 
-/// The deepest pair of edges of which each passes through the other polyhedron, if these are less deep than any face: where
-/// a face of one is the way out, vertices carry the contact.
+/// The deepest pair of edges of which each passes through the other polyhedron. None if a face is less deep: vertices
+/// then carry the contact.
 fn edges_across((a, X_WA): (&Polyhedron, &Pose), (b, X_WB): (&Polyhedron, &Pose)) -> Touch {
     let X_BA = X_WB.inverse() * X_WA;
     let X_AB = X_BA.inverse();
@@ -203,7 +203,7 @@ fn edges_across((a, X_WA): (&Polyhedron, &Pose), (b, X_WB): (&Polyhedron, &Pose)
     best
 }
 
-/// How deep `other`, at `X_AO`, is behind the face of `a` that it is least behind; negative if it is in front of one.
+/// Least depth of `other`, at `X_AO`, behind a face of `a`; negative if it is in front of one.
 fn depth_of_faces(a: &Polyhedron, other: &Polyhedron, X_AO: &Pose) -> f64 {
     let depth = |face: &Face| {
         let normal_O = X_AO.rotation.inverse() * face.normal;
@@ -214,8 +214,8 @@ fn depth_of_faces(a: &Polyhedron, other: &Polyhedron, X_AO: &Pose) -> f64 {
     a.faces().iter().map(depth).fold(f64::INFINITY, f64::min)
 }
 
-/// The part of a capsule's axis that is over the face from which it is furthest, or else the edge that is closest
-/// to it.
+/// The part of a capsule's axis over the face from which the axis is furthest, or otherwise the edge closest to the
+/// axis.
 fn capsule_on_polyhedron(
     ends: &[Vector3<f64>; 2],
     radius: f64,
@@ -291,7 +291,7 @@ mod tests {
         out
     }
 
-    /// Depth and normal by hand, in either order of the pair.
+    /// Compares with depth and normal computed by hand, in either order of the pair.
     #[test]
     fn simple_pairs_touch_where_geometry_says() {
         let ball = Shape::sphere(0.1).unwrap();
@@ -338,7 +338,7 @@ mod tests {
             (
                 (&block, at(0.3, 0.1, 0.17)),
                 (&block, at(0.0, 0.0, 0.0)),
-                // A vertex of each.
+                // One vertex of each.
                 2,
                 0.03,
             ),

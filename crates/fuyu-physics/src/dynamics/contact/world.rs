@@ -1,4 +1,4 @@
-//! Several floating systems that touch, stepped together.
+//! Several floating systems in contact, stepped together.
 
 use super::driven::{Drive, Forces};
 use super::error::ContactError;
@@ -11,33 +11,33 @@ use crate::dynamics::{Floating, Input};
 use crate::model::Frame;
 use crate::spatial::Pose;
 
-/// Events in one call of [`ContactWorld::step`] from which on none is located any more.
+/// Number of events in one call of [`ContactWorld::step`] above which no more are located.
 const EVENTS: usize = 10_000;
-/// Steps in one call of [`ContactWorld::step`], rejected ones included, from which on it fails.
+/// Number of steps in one call of [`ContactWorld::step`], rejected ones included, at which the call fails.
 const STEPS: usize = 200_000;
-/// Steps in one call, rejected ones included, from which on the tolerance is raised, and after how many more it is ten
-/// times as large: forces that jump, as those of polyhedra may, must not bring time to a halt.
+/// Number of steps in one call, rejected ones included, above which the tolerance is raised, and number of further
+/// steps per factor of ten: forces that jump, as those of polyhedra may, must not stall the integration.
 const HURDLE: (usize, usize) = (5000, 1000);
-/// Smallest step relative to the whole. Where the error is still too large, the step is taken as it is.
+/// Smallest step relative to the whole call. A step of this length is accepted even if its error is too large.
 const SMALLEST: f64 = 1e-12;
-/// Steps after an event, rejected ones included, from which on the tolerance is raised, and after how many more it
-/// is ten times as large: where a contact lasts, rounding of its force would otherwise keep the steps short.
+/// Number of steps after an event, rejected ones included, above which the tolerance is raised, and number of further
+/// steps per factor of ten: in a lasting contact, rounding of its force would otherwise keep the steps short.
 const LASTING: (usize, usize) = (20_000, 100);
-/// Tolerance up to which it is raised for that.
+/// Upper limit of the tolerance raised in a lasting contact.
 const OF_LASTING: f64 = 1e-8;
-/// Iterations beyond which the next step gets a new Jacobian.
+/// Number of iterations above which the next step gets a new Jacobian.
 const SLOW: usize = 4;
 
-/// Depth \[m\] up to which two bodies touch without an overlap: rounding of poses.
+/// Depth \[m\] of contact that is not yet an overlap: rounding of poses.
 const TOUCHING: f64 = 1e-9;
 
-/// Events that are kept until they are taken.
+/// Largest number of events stored for [`ContactWorld::take_events`].
 const KEPT: usize = 1024;
 
-/// Several floating systems that touch, stepped together. Steps are as long as accuracy allows, however stiff the
-/// contacts are: [Radau's implicit method](https://doi.org/10.1007/978-3-642-05221-7) of order 5 with error
-/// control, from event to event. Total momentum is conserved to rounding at any tolerance. Of joint physics,
-/// springs and dampers act; friction, stops and speed limits of joints do not.
+/// Several floating systems in contact, stepped together. Steps are as long as accuracy allows, however stiff the
+/// contacts are: [Radau's implicit method](https://doi.org/10.1007/978-3-642-05221-7) of order 5 with error control,
+/// from event to event. Total momentum is conserved to rounding at any tolerance. Of joint physics, springs and dampers
+/// act; friction, stops and speed limits of joints do not.
 ///
 /// ```
 /// use fuyu_physics::dynamics::contact::{ContactLaw, ContactWorld, Shape};
@@ -69,22 +69,22 @@ pub struct ContactWorld {
     pub(super) systems: Vec<Floating>,
     pub(super) scene: Scene,
     pub(super) radau: Radau,
-    /// State at the start of the step, and where it is tried.
+    /// State vector at the start of the step, and at trial points.
     pub(super) y: Vec<f64>,
     pub(super) trial: Vec<f64>,
-    /// Estimate of the error that counts as one, and the tolerance of the iteration relative to it.
+    /// Tolerance of the error per step.
     pub(super) tolerance: f64,
-    /// Factor by which the tolerance is raised.
+    /// Factor by which the tolerance is currently raised.
     pub(super) raised: f64,
     pub(super) next_step: f64,
     /// Whether colliders, pairs or states have changed since the last step.
     pub(super) is_changed: bool,
     pub(super) work: ContactWork,
     pub(super) events: Vec<ContactEvent>,
-    /// Longest step of the systems' own integrators.
+    /// Longest step of the systems' own integrators, if they are used while nothing can touch.
     pub(super) free_step: Option<f64>,
-    /// Systems whose states were replaced since the last step: what they overlap with then does not act until it
-    /// is apart.
+    /// Systems whose states were replaced since the last step: contacts in which they overlap are suspended until the
+    /// bodies have separated.
     pub(super) replaced: Vec<bool>,
     /// Work of contacts on each system, and energy that contacts have dissipated \[J\].
     pub(super) contact_work: Vec<f64>,
@@ -117,8 +117,8 @@ impl ContactWorld {
         }
     }
 
-    /// The same world with another tolerance: about the error per step \[m, rad, m/s, rad/s\]; 1e-8 by default. A tighter
-    /// one is raised up to that while a contact lasts for thousands of steps.
+    /// The same world with another tolerance: about the error per step \[m, rad, m/s, rad/s\]; 1e-8 by default. A
+    /// smaller tolerance is raised up to that default while a contact lasts for thousands of steps.
     #[must_use]
     pub fn with_tolerance(mut self, tolerance: f64) -> Self {
         self.tolerance = tolerance.clamp(1e-16, 1e-2);
@@ -126,8 +126,8 @@ impl ContactWorld {
         self
     }
 
-    /// The same world, whose systems are stepped by their own integrators, in steps of at most `dt` \[s\], while
-    /// nothing can touch: then with friction, stops and speed limits of joints, and exactly as without contact.
+    /// The same world, but while nothing can touch, the systems are stepped by their own integrators, in steps of at
+    /// most `dt` \[s\]: then friction, stops and speed limits of joints act, and results equal those without contact.
     ///
     /// # Panics
     /// If `dt` is not positive.
@@ -180,12 +180,12 @@ impl ContactWorld {
         self.add_collider(system, frame.body, frame.X_BF * X_FS, shape)
     }
 
-    /// Gives a collider a name, for messages; without one they name its body.
+    /// Names a collider in messages; without a name they use that of its body.
     pub fn name_collider(&mut self, id: ColliderId, name: &str) {
         self.scene.colliders[id.0].name = Some(name.to_owned());
     }
 
-    /// Lets two colliders touch.
+    /// Enables contact of two colliders.
     ///
     /// # Errors
     /// [`ContactError`] if the law is not valid, or if the two cannot touch.
@@ -261,8 +261,8 @@ impl ContactWorld {
         &mut self.systems[i]
     }
 
-    /// Held efforts and external wrenches of a system. Unlike [`Self::system_mut`] this keeps what the integration
-    /// has learned.
+    /// Held efforts and external wrenches of a system. Unlike [`Self::system_mut`], this keeps step length, Jacobian
+    /// and extrapolation of the integrator.
     pub fn input_mut(&mut self, i: usize) -> &mut Input {
         self.systems[i].input_mut()
     }
@@ -272,7 +272,7 @@ impl ContactWorld {
         self.work
     }
 
-    /// Checks that nothing overlaps, except pairs whose contact is ignored for that reason.
+    /// Checks that no colliders overlap, except pairs whose contact is ignored because of an overlap.
     ///
     /// # Errors
     /// [`ContactError::Overlap`] with the deepest point.
@@ -300,7 +300,7 @@ impl ContactWorld {
         })
     }
 
-    /// The points at which bodies touch now. Pairs whose contact is ignored have none.
+    /// The points at which bodies are in contact now, without pairs whose contact is ignored.
     pub fn contacts(&self) -> impl Iterator<Item = ContactPoint> + '_ {
         let acting = self.scene.pairs.iter().filter(|pair| !pair.is_suspended);
         acting.flat_map(move |pair| {
@@ -331,13 +331,13 @@ impl ContactWorld {
             .sum()
     }
 
-    /// Estimate of the error that counts as one. It is of a lower order than the method, so that it may be larger
-    /// than the error wanted (the transformation of tolerances in Hairer's program RADAU5).
+    /// Error estimate that counts as one. The estimate is of a lower order than the method, so that it may exceed the
+    /// wanted error (the transformation of tolerances in Hairer's program RADAU5).
     fn estimate(&self) -> f64 {
         0.1 * self.tolerance.powf(2.0 / 3.0)
     }
 
-    /// Takes over the states of the systems.
+    /// Copies the states of the systems, and updates the contact modes.
     pub(super) fn begin(&mut self) {
         if self.is_changed {
             let count = self.scene.assign(self.estimate());
@@ -361,7 +361,7 @@ impl ContactWorld {
         }
     }
 
-    /// Changes the modes of points `elapsed` after the start of the step, and keeps the events.
+    /// Updates the contact modes `elapsed` after the start of the step, and stores the events.
     fn change_modes(&mut self, elapsed: f64) {
         let Self {
             scene,
@@ -385,7 +385,7 @@ impl ContactWorld {
         scene.change_modes(y, &mut kept);
     }
 
-    /// The points that have begun or ended to touch since the last call, at most 1024.
+    /// Removes and returns the stored contact events: those since the last call, at most 1024.
     pub fn take_events(&mut self) -> impl Iterator<Item = ContactEvent> + '_ {
         self.events.drain(..)
     }
@@ -393,12 +393,12 @@ impl ContactWorld {
     /// Advances all systems by `dt` \[s\] under their held inputs.
     ///
     /// # Errors
-    /// [`ContactError::NotConverged`]; the systems then stay where they are.
+    /// [`ContactError::NotConverged`]; the systems then keep their states.
     pub fn step(&mut self, dt: f64) -> Result<(), ContactError> {
         self.step_driven(dt, None)
     }
 
-    /// The same with forces on a system that change within the step.
+    /// [`Self::step`] with forces on a system that are evaluated at every stage.
     pub(super) fn step_driven(
         &mut self,
         dt: f64,
@@ -425,7 +425,7 @@ impl ContactWorld {
                 .max(self.raised_by_lasting());
             let wanted = self.next_step.min(self.scene.longest_step());
             let wanted = wanted.max(SMALLEST * dt);
-            // Not a tiny rest at the end.
+            // Avoid a tiny step at the end.
             let h = if wanted >= left {
                 left
             } else if wanted > 0.5 * left {
@@ -463,8 +463,8 @@ impl ContactWorld {
         Ok(())
     }
 
-    /// One step of at most `h`, `elapsed` after the start, at the end of which an event may be; returns its length.
-    /// `None` if not even the smallest step converges.
+    /// Takes one step of at most `h`, `elapsed` after the start, which may end at an event. Returns its length; `None`
+    /// if not even the smallest step converges.
     fn advance(
         &mut self,
         mut h: f64,
@@ -481,7 +481,7 @@ impl ContactWorld {
             let error = self.try_radau(elapsed, h, iteration, drive);
             let error = match error {
                 Some(error) => error / self.raised,
-                // The smallest step is taken as it is.
+                // A step of the smallest length is accepted as it is.
                 None if h <= smallest && self.radau.is_current && self.radau.is_finite => 1.0,
                 None => {
                     self.work.rejected += 1;
@@ -522,7 +522,7 @@ impl ContactWorld {
                 self.next_step = h;
                 return Some(taken);
             }
-            // A step that is kept spares a factorization.
+            // Keeping the step length saves a factorization.
             self.next_step = if (1.0..1.2).contains(&factor) {
                 h
             } else {
@@ -534,7 +534,7 @@ impl ContactWorld {
         }
     }
 
-    /// Factor by which the tolerance is raised because there has been no event for many steps.
+    /// Factor by which the tolerance is raised after many steps without an event.
     fn raised_by_lasting(&self) -> f64 {
         let (first, more) = LASTING;
         let beyond = self.since_event.saturating_sub(first) as f64;

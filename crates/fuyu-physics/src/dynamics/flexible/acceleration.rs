@@ -1,4 +1,4 @@
-//! Accelerations by articulated bodies, with modes and rotors eliminated body by body.
+//! Accelerations by the articulated-body algorithm, with modes and rotors eliminated body by body.
 //!
 //! A rotor with inertia J, axis a and spin Ω on a body with angular velocity w has `J (Ω' + a·w') = τ`. It acts on the
 //! body with `-τ a - w × (J Ω a)`, and reduces the body's inertia, which includes the locked rotor, by `J a aᵀ`. Modes with
@@ -17,16 +17,16 @@ use super::{
 use crate::dynamics::Evaluation;
 use crate::spatial::{Twist, Wrench};
 
-/// The equations of motion at one state.
+/// Result of the equations of motion at one state.
 #[derive(Clone, Debug)]
 pub(super) struct FlexibleEvaluation {
-    /// Of the tree; its power includes wheels and thrusters.
+    /// Accelerations and power of the tree; its power includes wheels and thrusters.
     pub tree: Evaluation,
     /// Accelerations of modes, motors and wheels.
     pub xdd: Vec<f64>,
     /// Dissipated power, by cause \[W\].
     pub losses: Losses,
-    /// Parts of the power of `tree` \[W\].
+    /// Parts of the power in `tree` \[W\].
     pub partial_power: PartialWork,
     /// Torque between motor and link of each elastic joint.
     pub(super) link_efforts: Vec<f64>,
@@ -54,8 +54,8 @@ impl FlexibleEvaluation {
         self.tree.power = 0.0;
     }
 
-    /// Efforts of the elastic joints and of motors and wheels, their power and their losses. `hold` is how long the
-    /// wheels' torques act from `start_speeds` on, for the limit of their speeds.
+    /// Sets the torques of elastic joints, motors and wheels, their power and their losses. For the limit of the
+    /// wheels' speeds, their torques are assumed to act for `hold` \[s\] from `start_speeds` on.
     pub fn set_rotor_torques(
         &mut self,
         system: &FlexibleSystem,
@@ -90,7 +90,7 @@ impl FlexibleEvaluation {
         self.tree.power += self.partial_power.wheel_motors;
     }
 
-    /// Accelerations of the motors of reduced joints, which follow from torques alone.
+    /// Sets the accelerations of the motors of reduced joints, which follow from torques alone.
     pub fn set_reduced_motors(&mut self, system: &FlexibleSystem) {
         for (e, joint) in system.elastic_joints().iter().enumerate() {
             if joint.rotor == RotorModel::Reduced {
@@ -99,7 +99,8 @@ impl FlexibleEvaluation {
         }
     }
 
-    /// Effort on joint `j` from actuator (or elastic motor), spring and damper, and the power of those of the tree.
+    /// Effort on joint `j` of actuator (or elastic joint), spring and damper. Adds the power of the efforts of the
+    /// tree.
     pub(super) fn joint_effort(
         &mut self,
         system: &FlexibleSystem,
@@ -122,7 +123,7 @@ impl FlexibleEvaluation {
 }
 
 impl FlexibleWorkspace {
-    /// The equations of motion at `state`. `limits` is as for [`FlexibleEvaluation::set_rotor_torques`].
+    /// Evaluates the equations of motion at `state`; `limits` is that of [`FlexibleEvaluation::set_rotor_torques`].
     pub(super) fn evaluate(
         &mut self,
         state: &FlexibleState,
@@ -151,8 +152,8 @@ impl FlexibleWorkspace {
         }
     }
 
-    /// External wrenches and thrusters on each body, their sum and their power. What acts on an elastic link acts on
-    /// its section, as frames of the link are fixed to it.
+    /// Sets the external wrenches (with thrusters) on each body, their sum and their power. A wrench on an elastic link
+    /// acts on its section, to which frames of the link are fixed.
     pub(super) fn set_external(&mut self, state: &FlexibleState, input: &FlexibleInput) {
         (self.external, self.external_power) = (Wrench::ZERO, 0.0);
         self.nodes
@@ -309,7 +310,8 @@ impl FlexibleWorkspace {
     }
 }
 
-/// Adds a deformable body, and what its section carries, to the body that carries it, with its modes eliminated.
+/// Adds a deformable body, with its modes eliminated, and the bodies that its section carries to the body that it is
+/// clamped to.
 fn eliminate_modes(
     node: &mut Node,
     modal: &mut ModalNode,
@@ -374,8 +376,8 @@ fn eliminate_modes(
     }
 }
 
-/// Cholesky factor in place: the lower triangle by rows, with inverses on the diagonal. Not a number if the matrix is
-/// not positive definite.
+/// Cholesky factor in place: the lower triangle by rows, with inverses on the diagonal. NaN if the matrix is not
+/// positive definite.
 fn factorize(m: &mut [f64], n: usize) {
     for i in 0..n {
         for j in 0..=i {
@@ -392,7 +394,7 @@ fn factorize(m: &mut [f64], n: usize) {
     }
 }
 
-/// Solves with the factor, in place, for values of any type.
+/// Solves with the factor in place, for right-hand sides of any type.
 fn solve<T: Copy>(
     factor: &[f64],
     n: usize,

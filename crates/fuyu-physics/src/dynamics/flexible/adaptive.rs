@@ -50,13 +50,13 @@ const ORDER_3: [(usize, f64); 3] = [
     (11, 0.022_058_823_529_411_766),
 ];
 
-/// Steps tried in one call before it gives up.
+/// Largest number of steps tried in one call.
 const MOST_STEPS: usize = 10_000_000;
-/// Most shortenings of a step that ends where a wheel meets its speed limit.
+/// Largest number of times that a step is shortened to end where a wheel reaches its speed limit.
 const MOST_TRIES: usize = 20;
 
-/// Integrates a [`FlexibleState`] by Dormand and Prince's method of order 8 with error estimates of order 5 and 3,
-/// which choose the step.
+/// Integrates a [`FlexibleState`] by Dormand and Prince's method of order 8, whose step is controlled by error
+/// estimates of order 5 and 3.
 #[derive(Clone, Debug)]
 pub struct AdaptiveIntegrator {
     fixed: FlexibleIntegrator,
@@ -75,8 +75,8 @@ impl AdaptiveIntegrator {
         }
     }
 
-    /// Advances `state` by `duration` \[s\], if that is positive; returns how many steps were accepted. Where `forcing`
-    /// jumps, end a call and begin the next.
+    /// Advances `state` by `duration` \[s\], if that is positive; returns the number of accepted steps. Where `forcing`
+    /// is discontinuous, end one call and begin the next.
     ///
     /// # Errors
     /// [`FlexibleError::StepTooSmall`] if the tolerance cannot be met, for instance because a value is not finite.
@@ -103,7 +103,7 @@ impl AdaptiveIntegrator {
             // A remainder of less than a tenth is joined to the step.
             let mut part = next_switch(state, if wanted > 0.9 * left { left } else { wanted });
             (self.fixed).compute_step(state, workspace, part, 0.0, forcing);
-            // A wheel that meets its speed limit has its full torque until then, and the step ends there.
+            // A wheel that reaches its speed limit has its full torque until then, and the step ends there.
             for _ in 0..MOST_TRIES {
                 let Some(until) = self.fixed.until_wheel_limit(state, part) else {
                     break;
@@ -145,7 +145,7 @@ impl AdaptiveIntegrator {
         })
     }
 
-    /// Estimate of the error of the last step from `state` per unit of the step, relative to the tolerance.
+    /// Error estimate of the last step from `state`, relative to the tolerance.
     fn error(&self, state: &FlexibleState) -> f64 {
         let Self {
             fixed, tolerance, ..

@@ -1,9 +1,8 @@
-//! Equations of motion of a robot whose flexible parts are all on its base, on the kernels of rigid robots.
+//! Equations of motion of a robot whose flexible parts are all on its base, with the kernels of rigid robots.
 //!
-//! The kernels see a robot whose base contains the undeformed appendages. The effect of the deformation is added to the
-//! kernels' sums at the base: to inertia and momentum before the base's angular velocity is computed, and to the
-//! articulated inertia before the base's acceleration is computed. The results are those of the general equations
-//! (`acceleration.rs`) up to rounding.
+//! The kernels compute a robot whose base contains the undeformed appendages. Deformation enters at the base: in
+//! inertia and momentum before the base's angular velocity is computed, and in the articulated inertia before the
+//! base's acceleration is computed. Results equal those of the general equations (`acceleration.rs`) up to rounding.
 
 use pulp::{Simd, WithSimd};
 
@@ -16,7 +15,7 @@ use crate::dynamics::kernel::{
 use crate::dynamics::scratch_memory::DynamicsScratch;
 use crate::spatial::{Twist, Wrench};
 
-/// Entries below this, relative to the largest of their kind, are rounding of a change of axes.
+/// Entries below this, relative to the largest of their kind, are rounding errors of a change of axes.
 const ROUNDING: f64 = 1e-13;
 
 /// Eight numbers that the compiler keeps in one or two registers: three components of a force, one zero, three of a
@@ -37,7 +36,7 @@ struct Mode {
     inverse_mass: f64,
 }
 
-/// See the module.
+/// Equations of motion of a robot with flexible parts on its base only; see the module's description.
 #[derive(Clone, Debug)]
 pub(super) struct BaseModes {
     scratch: DynamicsScratch,
@@ -45,7 +44,7 @@ pub(super) struct BaseModes {
     modes: Vec<Mode>,
     /// Axis and inertia of each rotor on the base, and its coordinate.
     rotors: Vec<BaseRotor>,
-    /// Reduction of the base's articulated inertia by modes and rotors that follow forces.
+    /// Reduction of the base's articulated inertia by modes and rotors that move freely.
     taken: ArticulatedInertia<f64>,
     /// `∂J/∂μ` of each mode at this shape.
     dJ: Vec<Lanes>,
@@ -63,8 +62,8 @@ struct BaseRotor {
 }
 
 impl BaseModes {
-    /// The faster equations for `system`, or nothing if they do not cover it: parts on other bodies, second order,
-    /// modes that are coupled with each other, or elastic links.
+    /// The faster equations for `system`. `None` for robots that they do not cover: flexible parts on other bodies,
+    /// second order, modes that are coupled with each other, or elastic links.
     pub fn new(system: &FlexibleSystem) -> Option<Self> {
         let compiled = system.compiled();
         let bodies = system.modal_bodies();
@@ -127,7 +126,7 @@ impl BaseModes {
     }
 }
 
-/// The modes of a body whose equations are coupled only through the base, or nothing if they are not.
+/// The modes of a body if they are coupled only through the base, otherwise `None`.
 fn uncoupled_modes(body: &ModalBody) -> Option<Vec<Mode>> {
     let (n, i) = (body.modes(), &body.integrals);
     let appendage = &body.appendage;
@@ -146,7 +145,7 @@ fn uncoupled_modes(body: &ModalBody) -> Option<Vec<Mode>> {
             }
         }
     }
-    // Of modes with mass 1, the largest D is about 1.
+    // For modes of mass 1, the largest D is about 1.
     let size = appendage.modal_mass.amax();
     if i.dH.iter().any(|(_, _, H)| H.amax() > ROUNDING * size) {
         return None;
@@ -248,14 +247,14 @@ fn symmetric(lanes: &Lanes) -> Sym3<f64> {
     }
 }
 
-/// Force and torque.
+/// Force and torque of the eight numbers.
 #[inline(always)]
 fn vectors(lanes: &Lanes) -> (Vec3<f64>, Vec3<f64>) {
     let [x, y, z, _, a, b, c, _] = *lanes;
     (Vec3([x, y, z]), Vec3([a, b, c]))
 }
 
-/// One evaluation; `pulp` compiles it for every instruction set.
+/// One evaluation of the equations; `pulp` compiles it for every instruction set.
 struct Evaluation<'a> {
     equations: &'a mut BaseModes,
     state: &'a FlexibleState,
@@ -308,7 +307,7 @@ impl WithSimd for Evaluation<'_> {
             }
         }
 
-        // What deformation adds to first moment and inertia, and the modes' momentum.
+        // Changes of first moment and inertia due to deformation, and the modes' momentum.
         let count = modes.len();
         let (mu, mu_dot) = (&state.mu()[..count], &state.mu_dot()[..count]);
         let (mut moment, mut momentum) = ([0.0; 8], [0.0; 8]);

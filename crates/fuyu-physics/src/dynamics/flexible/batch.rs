@@ -1,11 +1,11 @@
-//! Many states of one robot with flexible parts, on all processors.
+//! Many states of one robot with flexible parts, stepped on all processors.
 
 use rayon::prelude::*;
 
 use super::{FlexibleInput, FlexibleIntegrator, FlexibleState, FlexibleSystem, FlexibleWorkspace};
 use crate::dynamics::IntegrationMethod;
 
-/// States of one [`FlexibleSystem`] that are stepped in parallel, each as [`FlexibleIntegrator`] would. Memory is
+/// States of one [`FlexibleSystem`] that are stepped in parallel, with the results of [`FlexibleIntegrator`]. Memory is
 /// allocated once, for each state.
 #[derive(Clone, Debug)]
 pub struct FlexibleBatch {
@@ -43,12 +43,12 @@ impl FlexibleBatch {
         }
     }
 
-    /// How many states there are.
+    /// Number of states.
     pub fn len(&self) -> usize {
         self.runs.len()
     }
 
-    /// Whether there are none.
+    /// Whether there is no state.
     pub fn is_empty(&self) -> bool {
         self.runs.is_empty()
     }

@@ -23,7 +23,7 @@ pub struct FlexibleBuilder {
     thrusters: Vec<(Frame, Thruster)>,
 }
 
-/// Share of a link's mass by which its deformable body may differ from it.
+/// Largest relative difference of an elastic link's mass from that of the deformable body that replaces it.
 const MASS_SHARE: f64 = 0.01;
 
 impl FlexibleBuilder {
@@ -47,10 +47,10 @@ impl FlexibleBuilder {
     }
 
     /// Makes the body `link` elastic: `appendage` replaces its rigid inertia and is clamped to the joint that moves it.
-    /// `X_BA` is the pose of the attachment frame A in the body's frame B. What follows in the tree, frames fixed to
-    /// the link, and external wrenches on it are carried by the output point number `section` (the tip of an
-    /// [`ElasticLink`](fuyu_structures::ElasticLink) is number 0). It turns by its small rotation φ as
-    /// `Rz(φ_z) Ry(φ_y) Rx(φ_x)` in axes of A.
+    /// `X_BA` is the pose of the attachment frame A in the body's frame B. Its output point number `section` (the tip
+    /// of an [`ElasticLink`](fuyu_structures::ElasticLink) is number 0) carries the following links, frames fixed to
+    /// the link, and external wrenches on it. The section turns by its small rotation φ as `Rz(φ_z) Ry(φ_y) Rx(φ_x)` in
+    /// axes of A.
     #[must_use]
     pub fn elastic_link(
         mut self,
@@ -88,7 +88,7 @@ impl FlexibleBuilder {
     ///
     /// # Errors
     /// [`FlexibleError`] for a robot with mimic joints, modes that move more mass than their body and its link have, a
-    /// part on a link or joint that the robot lacks, a part that an elastic link cannot carry, two parts with one name,
+    /// part on a link or joint that does not exist, a part that an elastic link cannot carry, two parts with one name,
     /// or a number out of its range.
     pub fn build(self) -> Result<FlexibleSystem, FlexibleError> {
         let model = &self.model;
@@ -145,7 +145,7 @@ impl FlexibleBuilder {
         })
     }
 
-    /// Appendages, then elastic links.
+    /// Places the appendages, then the elastic links.
     fn place_modal_bodies(
         &self,
         bodies: &mut [CompiledBody],
@@ -201,7 +201,7 @@ impl FlexibleBuilder {
             let placed = ModalBody::new(appendage.clone(), index, *X_BA, offset, Some(*section));
             placed.in_body.check_coupled_mass(&Matrix6::zeros())?;
             offset += placed.modes();
-            // What follows is carried by the section, whose frame has the axes of B while the link is straight.
+            // The section carries the following links; its frame has the axes of B while the link is straight.
             let p_BE = placed.in_body.outputs[*section].position;
             for child in &mut bodies[index + 1..] {
                 if child.parent == index {
@@ -213,7 +213,7 @@ impl FlexibleBuilder {
         Ok(modal_bodies)
     }
 
-    /// For each joint its elastic joint, and for each elastic joint its joint.
+    /// For each joint the index of its elastic joint, and for each elastic joint the index of its joint.
     fn place_joints(
         &self,
         bodies: &[CompiledBody],
@@ -246,7 +246,7 @@ impl FlexibleBuilder {
         Ok((elastic, joint_of))
     }
 
-    /// Rotors of motors, then wheels.
+    /// Places the rotors of motors, then the wheels.
     fn place_rotors(
         &self,
         bodies: &[CompiledBody],
@@ -349,7 +349,7 @@ fn compile_bodies(model: &Model) -> Vec<CompiledBody> {
     compiled.collect()
 }
 
-/// The inertia of a body must contain its rotors: what is left about their axes must be positive.
+/// Checks that the inertia of each body contains its rotors: the remainder about their axes must be positive.
 fn check_rotor_inertias(
     bodies: &[CompiledBody],
     rotors: &[Rotor],

@@ -1,4 +1,5 @@
-//! Inertia of a rigid or locked set of bodies, and articulated inertia of a set whose joints and modes move freely.
+//! Composite inertia of a rigid or locked set of bodies, and articulated inertia of a set whose joints and modes move
+//! freely.
 
 use nalgebra::{Matrix3, Matrix6, Vector3};
 
@@ -36,7 +37,7 @@ impl Composite {
         self.J - (Matrix3::identity() * c.norm_squared() - c * c.transpose()) * self.mass
     }
 
-    /// The same as centre of mass and inertia about it; all zero without mass.
+    /// Centre of mass and inertia about it; all zero without mass.
     pub fn rigid_inertia(&self) -> RigidInertia {
         if self.mass == 0.0 {
             return RigidInertia::zero();
@@ -66,10 +67,10 @@ impl Composite {
         }
     }
 
-    /// In the frame E in which its frame C has the pose `X_EC`.
+    /// The inertia in the frame E, in which its frame C has the pose `X_EC`.
     pub fn in_parent(&self, X_EC: &Pose) -> Self {
         let (R, p) = (X_EC.rotation.matrix(), &X_EC.translation.vector);
-        // With g = S + m p / 2 what the shift adds is 2 (p·g) 1 - p gᵀ - g pᵀ.
+        // With g = S + m p / 2, the shift adds 2 (p·g) 1 - p gᵀ - g pᵀ.
         let S = R * self.S;
         let g = S + p * (0.5 * self.mass);
         let shift = p * g.transpose();
@@ -83,8 +84,7 @@ impl Composite {
     }
 }
 
-/// Force per acceleration of a subtree: `torque = J α + H a`, `force = Hᵀ α + M a`, about a frame's origin, in its
-/// axes.
+/// Articulated inertia of a subtree: `torque = J α + H a`, `force = Hᵀ α + M a`, about a frame's origin, in its axes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Articulated {
     pub J: Matrix3<f64>,
@@ -129,7 +129,7 @@ impl Articulated {
         self.M -= u.force * v.force.transpose();
     }
 
-    /// In the frame E in which its frame C has the pose `X_EC`.
+    /// The inertia in the frame E, in which its frame C has the pose `X_EC`.
     pub fn in_parent(&self, X_EC: &Pose) -> Self {
         let (R, p) = (X_EC.rotation.matrix(), &X_EC.translation.vector);
         let turned = |m: &Matrix3<f64>| R * m * R.transpose();
@@ -147,7 +147,7 @@ impl Articulated {
         }
     }
 
-    /// Acceleration of a free body on which `-force` acts. Not a number if the inertia is singular.
+    /// Acceleration of a free body on which `-force` acts. NaN if the inertia is singular.
     pub fn free_acceleration(&self, force: &Wrench) -> Twist {
         let nan = Matrix3::from_element(f64::NAN);
         let inverse = self.M.try_inverse().unwrap_or(nan);

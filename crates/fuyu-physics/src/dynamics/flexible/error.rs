@@ -3,30 +3,30 @@
 use fuyu_structures::StructureError;
 use thiserror::Error;
 
-/// Why flexible parts, wheels or thrusters are rejected. Each message is one line that names field and value and says
-/// what would be right.
+/// Why flexible parts, wheels or thrusters are refused. Each message is one line that names the field, its value and
+/// the allowed range.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum FlexibleError {
     /// A number outside of its range, or not a number.
     #[error("{field} is {value}; it must be {requirement}")]
     Value {
-        /// What the number is, such as `joint2, stiffness [N m/rad]`.
+        /// Name of the number, such as `joint2, stiffness [N m/rad]`.
         field: String,
         /// The number.
         value: f64,
-        /// The range.
+        /// The allowed range.
         requirement: &'static str,
     },
-    /// A part that the equations do not cover where it is.
+    /// A part in a place that the equations do not cover.
     #[error("{part}: {problem}")]
     Part {
         /// Name of the part.
         part: String,
-        /// What is wrong, and what would be right.
+        /// The problem and its remedy.
         problem: String,
     },
-    /// A deformable body that no body can be.
+    /// A deformable body that is physically impossible.
     #[error(transparent)]
     Structure(#[from] StructureError),
     /// A vibration that the integration method cannot follow at this step.
@@ -34,7 +34,7 @@ pub enum FlexibleError {
         "the step of {step} s is above the stability limit of {limit:.3e} s for {part} at {frequency_hz:.3} Hz; reduce the step, or use fewer modes"
     )]
     Unstable {
-        /// Which part vibrates most in this mode.
+        /// The part that vibrates most in this mode.
         part: String,
         /// Its frequency \[Hz\].
         frequency_hz: f64,
@@ -48,7 +48,7 @@ pub enum FlexibleError {
         "the step of {step} s is above the stability limit of {limit:.3e} s for the damping of {part}, whose motion decays at {rate:.3e} 1/s; reduce the step or the damping"
     )]
     StiffDamping {
-        /// Which part moves most in this decay.
+        /// The part that moves most in this decay.
         part: String,
         /// Decay rate \[1/s\].
         rate: f64,
@@ -72,7 +72,7 @@ pub enum FlexibleError {
 }
 
 impl FlexibleError {
-    /// A problem of the part called `part`.
+    /// An error of the part called `part`.
     pub(super) fn part(part: &str, problem: impl Into<String>) -> Self {
         Self::Part {
             part: part.to_owned(),
@@ -81,7 +81,7 @@ impl FlexibleError {
     }
 }
 
-/// Rejects a number for which `right` is false, or which is not a number.
+/// Refuses a number that is NaN or for which `right` is false.
 pub(super) fn require(
     field: impl FnOnce() -> String,
     value: f64,

@@ -1,4 +1,4 @@
-//! Whether first-order modes suffice for a motion.
+//! Check whether first-order modes suffice for a motion.
 
 use std::fmt;
 
@@ -7,7 +7,7 @@ use fuyu_structures::{FIRST_ORDER_RATE, generalized_eigen};
 use super::section::Section;
 use super::{FlexibleState, FlexibleWorkspace};
 
-/// A deformable body whose motion is beyond what first-order modes describe. `Display` gives a line for a log.
+/// A deformable body whose motion exceeds the limits of first-order modes. `Display` gives a line for a log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstOrderExcess<'a> {
     /// Name of the body.
@@ -38,7 +38,7 @@ impl FirstOrderQuantity {
         }
     }
 
-    /// What a body does that is beyond the limit, as in "the panel turns faster than ...".
+    /// Description of the excess, as in "the panel turns faster than ...".
     pub fn beyond(self) -> &'static str {
         match self {
             Self::Rate => "turns faster than",
@@ -65,9 +65,9 @@ impl fmt::Display for FirstOrderExcess<'_> {
 }
 
 impl FlexibleWorkspace {
-    /// The first deformable body without second order that is beyond the limits of first order, at the state of the
-    /// last [`FlexibleWorkspace::set_state`]; `None` if first order suffices. The limit of an elastic link depends on
-    /// its lowest frequency with what it carries in this posture, for which this allocates memory.
+    /// The first deformable body without second-order terms that exceeds the limits of first-order modes, at the state
+    /// of the last [`FlexibleWorkspace::set_state`]; `None` if first order suffices. The limit of an elastic link
+    /// depends on its lowest frequency with the bodies that it carries in this posture; computing it allocates memory.
     pub fn first_order_excess<'a>(
         &'a self,
         state: &'a FlexibleState,
@@ -106,8 +106,8 @@ impl FlexibleWorkspace {
         None
     }
 
-    /// Lowest frequency \[rad/s\] of an elastic link with what its section carries, while its joint and those that follow
-    /// are held.
+    /// Lowest frequency \[rad/s\] of an elastic link with the bodies that its section carries, with its own joint and
+    /// the following ones locked.
     fn loaded_frequency(&self, section: &Section) -> f64 {
         let body = &self.system.modal_bodies()[section.modal_body];
         let mut mass = self.modal[section.modal_body].shape.mass.clone();

@@ -10,8 +10,8 @@ use crate::dynamics::{IntegrationMethod, checks};
 use crate::model::Model;
 use crate::spatial::{Pose, Wrench};
 
-/// One [`FlexibleSystem`] with its state and scratch memory: the counterpart of [`Floating`](crate::dynamics::Floating) for a rigid
-/// robot. Joint efforts, wrenches and wheel torques are held from step to step.
+/// A [`FlexibleSystem`] with its state and scratch memory: the counterpart of [`Floating`](crate::dynamics::Floating)
+/// for rigid robots. Joint efforts, wrenches and wheel torques are held from step to step.
 #[derive(Clone, Debug)]
 pub struct FlexibleFloating {
     state: FlexibleState,
@@ -46,12 +46,12 @@ impl FlexibleFloating {
         self.system().model()
     }
 
-    /// Its state.
+    /// The present state.
     pub fn state(&self) -> &FlexibleState {
         &self.state
     }
 
-    /// Kinematics and motion of the present state.
+    /// Kinematics and dynamics terms of the present state.
     pub fn workspace(&self) -> &FlexibleWorkspace {
         &self.workspace
     }
@@ -75,12 +75,12 @@ impl FlexibleFloating {
         self.state = state;
     }
 
-    /// Joint efforts (of elastic joints: of the motor), wrenches and wheel torques that are held.
+    /// The held input: joint efforts (of elastic joints: of the motor), wrenches and wheel torques.
     pub fn input(&self) -> &FlexibleInput {
         &self.input
     }
 
-    /// The same, to be changed.
+    /// The held input, mutable.
     pub fn input_mut(&mut self) -> &mut FlexibleInput {
         &mut self.input
     }
@@ -139,8 +139,8 @@ impl FlexibleFloating {
         integrator.steps(state, workspace, dt, steps, &mut hold);
     }
 
-    /// Advances by one step of `dt` \[s\] under the efforts, wrenches and wheel torques that `forcing` makes of the
-    /// held ones at every stage. Afterwards those that it gives for the new state are held.
+    /// Advances by one step of `dt` \[s\]; at every stage `forcing` changes the held efforts, wrenches and wheel
+    /// torques. Afterwards its values for the new state are held.
     pub fn step_with(&mut self, dt: f64, forcing: &mut impl FlexibleForcing) {
         let Self {
             state,
@@ -161,7 +161,7 @@ impl FlexibleFloating {
         (self.integrator).accelerations(&self.state, &mut self.workspace, &self.input)
     }
 
-    /// State and scratch memory, of which the caller keeps the one as the other has it.
+    /// State and scratch memory; the caller must keep them consistent.
     pub(super) fn parts_mut(&mut self) -> (&mut FlexibleState, &mut FlexibleWorkspace) {
         (&mut self.state, &mut self.workspace)
     }
@@ -172,9 +172,9 @@ impl FlexibleFloating {
         (self.integrator).set_accelerations(&self.state, &mut self.workspace, &self.input);
     }
 
-    /// Wrench that body `b` and all bodies beyond it exert on the rest of the robot through the body's joint, under the held
-    /// input: torque about the base's origin \[N m\] and force \[N\], base axes. Needs the accelerations of this instant
-    /// ([`Self::set_accelerations`]); of a robot that holds a target, those of the joined system
+    /// Wrench that body `b` and its subtree exert on the rest of the robot through the body's joint, under the held
+    /// input: torque about the base's origin \[N m\] and force \[N\], base axes. Needs the present accelerations
+    /// ([`Self::set_accelerations`]); of a robot that holds a target, the accelerations of the joined system
     /// ([`CapturedGyrostat::show_robot_accelerations`](crate::dynamics::capture::CapturedGyrostat::show_robot_accelerations)).
     ///
     /// # Panics

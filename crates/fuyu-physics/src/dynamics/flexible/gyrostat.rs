@@ -1,4 +1,4 @@
-//! Robots whose only flexible parts are wheels and thrusters: as trees of rigid bodies, and as parts of larger robots.
+//! Robots whose only flexible parts are wheels and thrusters: as rigid trees, and as parts of larger robots.
 
 use nalgebra::Unit;
 
@@ -16,8 +16,8 @@ impl FlexibleSystem {
         self.modal_bodies().is_empty() && self.elastic_joints().is_empty()
     }
 
-    /// The robot as an impulse moves it: a wheel offers no inertia about its axis, because its bearing and its motor
-    /// transmit no impulse about it.
+    /// The robot as an impulse acts on it: the wheels contribute no inertia about their axes, because bearing and motor
+    /// transmit no impulse about them.
     pub(in crate::dynamics) fn free_wheel_model(&self) -> Model {
         let mut model = self.model().clone();
         for rotor in self.wheel_rotors() {
@@ -32,8 +32,8 @@ impl FlexibleSystem {
         model
     }
 
-    /// The same wheels and thrusters on `model`, which contains the bodies of this robot: each is part of one of its
-    /// bodies, at a pose in that.
+    /// The same wheels and thrusters on `model`, which contains the bodies of this robot: each is part of a body of
+    /// `model`, at a pose in its frame.
     ///
     /// # Errors
     /// [`FlexibleError`] if `model` has mimic joints.
@@ -75,7 +75,7 @@ impl FlexibleSystem {
 }
 
 impl FlexibleState {
-    /// This robot's wheels and thrusters, on a robot with another tree.
+    /// This robot's wheels and thrusters, with another tree.
     pub(in crate::dynamics) fn with_tree(&self, tree: State) -> Self {
         let mut state = self.clone();
         state.tree = tree;
@@ -92,7 +92,7 @@ impl FlexibleState {
         self.copy_valves(other);
     }
 
-    /// Copies for how long the valves of the thrusters are open.
+    /// Copies the remaining open times of the thrusters' valves.
     pub(in crate::dynamics) fn copy_valves(&mut self, other: &Self) {
         self.on_time.copy_from_slice(&other.on_time);
         self.open_for.copy_from_slice(&other.open_for);
@@ -110,8 +110,8 @@ impl FlexibleFloating {
         workspace.set_state(state);
     }
 
-    /// Gives the workspace the accelerations of all bodies that follow from those of base and joints, for a robot whose
-    /// links are rigid.
+    /// Sets the accelerations of all bodies in the workspace from those of base and joints, for a robot with rigid
+    /// links.
     pub(in crate::dynamics) fn show_accelerations(&mut self, A_WB_B: Twist, qdd: &[f64]) {
         let (_, workspace) = self.parts_mut();
         workspace.nodes[0].A = A_WB_B;

@@ -13,7 +13,8 @@ use crate::spatial::Twist;
 
 /// Efforts, wrenches and wheel torques as a function of time and state, evaluated at every stage of a step.
 pub trait FlexibleForcing {
-    /// Writes what acts on `state` at `time` \[s\]; `input` holds the values of the last call.
+    /// Writes the input that acts on `state` at `time` \[s\]. `input` initially holds the values of the last call or
+    /// the held values.
     fn apply(&mut self, time: f64, state: &FlexibleState, input: &mut FlexibleInput);
 }
 
@@ -24,8 +25,8 @@ impl<F: FnMut(f64, &FlexibleState, &mut FlexibleInput)> FlexibleForcing for F {
 }
 
 /// Steps a [`FlexibleState`]; owns the memory of the stages. The attitude is integrated on the rotation group, and
-/// momentum is state, as in [`Integrator`](crate::dynamics::Integrator): without external forces it does not change by
-/// a single bit.
+/// momentum is part of the state, as in [`Integrator`](crate::dynamics::Integrator): without external forces it does
+/// not change at all, bit by bit.
 ///
 /// A step during which a thruster switches off is divided there, so that a pulse gives its exact impulse. Wheel torques
 /// are limited so that a step ends at a wheel's speed limit; the base's reaction to the last torque may carry the wheel
@@ -51,7 +52,7 @@ struct Equations {
 }
 
 impl Equations {
-    /// Evaluates them at `state`. The wheels' torques are held for `limits.0` \[s\] from speeds `limits.1` on.
+    /// Evaluates the equations at `state`. The wheels' torques are held for `limits.0` \[s\] from speeds `limits.1` on.
     #[inline]
     fn evaluate(
         &mut self,
@@ -74,15 +75,15 @@ impl Equations {
 /// Accelerations of a robot with flexible parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Accelerations<'a> {
-    /// Of the base frame, base axes; the linear part is that of its origin as a point.
+    /// Acceleration of the base frame, base axes; the linear part is that of its origin as a point.
     pub base: Twist,
-    /// Of the joints \[rad/s² or m/s²\].
+    /// Joint accelerations \[rad/s² or m/s²\].
     pub joints: &'a [f64],
-    /// Of the modal coordinates.
+    /// Accelerations of the modal coordinates.
     pub modes: &'a [f64],
-    /// Of the motors of elastic joints, on the output side \[rad/s²\].
+    /// Accelerations of the motors of elastic joints, on the output side \[rad/s²\].
     pub motors: &'a [f64],
-    /// Of the wheels relative to their bodies \[rad/s²\].
+    /// Accelerations of the wheels relative to their bodies \[rad/s²\].
     pub wheels: &'a [f64],
 }
 
@@ -124,7 +125,7 @@ impl FlexibleIntegrator {
         }
     }
 
-    /// The same integrator with the general equations for every robot. It serves to check the faster ones.
+    /// The same integrator with the general equations for every robot, to check the faster ones.
     #[must_use]
     pub fn with_general_equations(mut self) -> Self {
         self.equations.base_modes = None;
@@ -152,7 +153,8 @@ impl FlexibleIntegrator {
         self.steps(state, workspace, dt, 1, forcing);
     }
 
-    /// `count` steps of `dt` \[s\], bit-identical to single ones; `workspace` is updated only after the last.
+    /// Takes `count` steps of `dt` \[s\], bit-identical to single steps; `workspace` is updated only after the last
+    /// one.
     ///
     /// # Panics
     /// As [`FlexibleIntegrator::step`].
@@ -181,7 +183,8 @@ impl FlexibleIntegrator {
         workspace.set_state(state);
     }
 
-    /// Accelerations at `state` under `input`. Wheels have their torque limits; their speed limits hold for an instant.
+    /// Accelerations at `state` under `input`. Wheels have their torque limits; their speed limits apply at this
+    /// instant.
     ///
     /// # Panics
     /// As [`FlexibleIntegrator::step`].
@@ -206,9 +209,8 @@ impl FlexibleIntegrator {
         }
     }
 
-    /// Computes the accelerations of all frames at `state` under `input`, as [`FlexibleIntegrator::accelerations`] those
-    /// of the coordinates: afterwards `workspace` has state and accelerations
-    /// ([`FlexibleWorkspace::A_WF_B`]).
+    /// Computes the accelerations of all frames at `state` under `input`: afterwards `workspace` holds state and
+    /// accelerations ([`FlexibleWorkspace::A_WF_B`]).
     ///
     /// # Panics
     /// As [`FlexibleIntegrator::step`].
@@ -235,8 +237,8 @@ impl FlexibleIntegrator {
         );
     }
 
-    /// A step of `dt` from `state`, whose result is left in `self.stage`. Wheel torques are limited so that they may be
-    /// held for `hold` \[s\] (0: they have their limits at the start of the step).
+    /// Computes a step of `dt` from `state` and leaves the result in `self.stage`. Wheel torques are limited for being
+    /// held for `hold` \[s\]; 0 applies the speed limits at the start of the step only.
     pub(super) fn compute_step(
         &mut self,
         state: &FlexibleState,
@@ -303,8 +305,8 @@ impl FlexibleIntegrator {
         }
     }
 
-    /// The part of the step of `dt` from `state` just computed at whose end the first wheel is at its speed limit, by
-    /// linear interpolation; `None` if none passes it.
+    /// Time in the computed step of `dt` from `state` at which the first wheel reaches its speed limit, by linear
+    /// interpolation; `None` if no wheel passes its limit.
     pub(super) fn until_wheel_limit(&self, state: &FlexibleState, dt: f64) -> Option<f64> {
         let speeds = state.wheel_speeds().iter().zip(self.stage.wheel_speeds());
         let wheels = self.system.wheels().iter().zip(speeds);
@@ -313,18 +315,18 @@ impl FlexibleIntegrator {
             let margin = Wheel::AT_LIMIT * limit;
             // From inside to outside.
             let passes = start < limit - margin && end > limit;
-            // To the middle of what counts as at the limit.
+            // The middle of the margin at the limit.
             passes.then(|| dt * (limit - 0.5 * margin - start) / (end - start))
         });
         parts.reduce(f64::min)
     }
 }
 
-/// The part of `left` \[s\] until a thruster switches off; all of it if it is negative.
+/// The part of `left` \[s\] until the next thruster switches off; all of `left` if it is negative.
 pub(super) fn next_switch(state: &FlexibleState, left: f64) -> f64 {
     let open = state.on_time.iter().filter(|t| **t > 0.0);
     let next = open.fold(left, |next, t| next.min(*t));
-    // Parts that are only rounding are joined to the one before.
+    // A remainder that is only rounding is joined to this part.
     if left - next < 1e-12 * left {
         left
     } else {

@@ -8,9 +8,9 @@ use crate::model::Frame;
 
 /// Computes flexible generalized Jacobians; owns scratch memory.
 ///
-/// At zero momentum the velocity of a frame's origin is `Ĵ_q q' + Ĵ_x x'`, with x modes, motor angles and wheel angles
-/// and `Ĵ = J - J_b M_b⁻¹ M_bx`: the base reacts to modal rates and wheels as it does to joints (Masutani 1995 eqs.
-/// (4.36), (4.37), extended by the coupling of the modes, Kida 1993 eq. (B.4)).
+/// At zero momentum the velocity of a frame's origin is `Ĵ_q q' + Ĵ_x x'`, where x contains modes, motor angles and
+/// wheel angles, and `Ĵ = J - J_b M_b⁻¹ M_bx`: the base reacts to modal rates and wheels as it does to joints (Masutani
+/// 1995 eqs. (4.36), (4.37), extended by the coupling of the modes, Kida 1993 eq. (B.4)).
 #[derive(Clone, Debug)]
 pub struct FlexibleJacobian {
     unit: FlexibleState,
@@ -18,7 +18,7 @@ pub struct FlexibleJacobian {
 }
 
 impl FlexibleJacobian {
-    /// For `system`. Allocates; [`FlexibleJacobian::compute`] does not.
+    /// Scratch for `system`. Allocates; [`FlexibleJacobian::compute`] does not.
     pub fn new(system: &FlexibleSystem) -> Self {
         Self {
             unit: FlexibleState::at_rest(system),

@@ -94,29 +94,30 @@ impl LinearModel {
         }
     }
 
-    /// Places of the coordinates of base and modes: everything else is locked.
+    /// Indices of the coordinates of base and modes.
     pub fn base_and_modes(&self) -> Vec<usize> {
         let first = 6 + self.joints;
         (0..6).chain(first..first + self.modes).collect()
     }
 
-    /// Places of all coordinates but the wheels' angles.
+    /// Indices of all coordinates but the wheels' angles.
     pub fn without_wheels(&self) -> Vec<usize> {
         (0..6 + self.joints + self.modes + self.motors).collect()
     }
 
-    /// Places of the wheels' angles.
+    /// Indices of the wheels' angles.
     pub fn wheels(&self) -> std::ops::Range<usize> {
         6 + self.joints + self.modes + self.motors..self.mass.nrows()
     }
 
-    /// The part of a matrix with the given coordinates.
+    /// The submatrix of the given coordinates.
     pub fn part(matrix: &DMatrix<f64>, coordinates: &[usize]) -> DMatrix<f64> {
         matrix.select_rows(coordinates).select_columns(coordinates)
     }
 
-    /// Base and modes, with joints, motors and wheels locked, as the constrained hybrid model of Kida 1993, section 2.3:
-    /// its transmission zeros and poles are those from wrenches on the base to its position and attitude.
+    /// Hybrid model of base and modes, with joints, motors and wheels locked, as the constrained hybrid model of Kida
+    /// 1993, section 2.3: its transmission zeros and poles are those from wrenches on the base to its position and
+    /// attitude.
     ///
     /// # Errors
     /// A mass matrix that is not positive definite.

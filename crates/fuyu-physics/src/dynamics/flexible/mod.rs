@@ -1,11 +1,11 @@
 //! Robots with deformable bodies, elastic joints, reaction wheels and thrusters.
 //!
-//! A [`FlexibleSystem`] is a robot with such parts. Its [`FlexibleState`] has the total momentum, modal rates, motor
-//! rotors and wheels included; the base's twist follows from the momentum as for a rigid robot. So only external wrenches
-//! and thrusters change momentum, at any step size; wheels and vibrations only exchange momentum with the bodies. [`FlexibleIntegrator`] steps
-//! with a fixed step, [`AdaptiveIntegrator`] with error control. [`FlexibleWorkspace`] has poses, twists, energies and
-//! momenta of one state, [`FlexibleJacobian`] the generalized Jacobian, [`LinearModel`] frequencies; `FlexibleBatch`
-//! steps many states in parallel.
+//! A [`FlexibleSystem`] is a robot with such parts. Its [`FlexibleState`] contains the total momentum, including modal
+//! rates, motor rotors and wheels; the base's twist follows from the momentum as for a rigid robot. So only external
+//! wrenches and thrusters change momentum, at any step size; wheels and vibrations only exchange momentum with the
+//! bodies. [`FlexibleIntegrator`] uses a fixed step, [`AdaptiveIntegrator`] error control. [`FlexibleWorkspace`] holds
+//! poses, twists, energies and momenta of one state; [`FlexibleJacobian`] computes the generalized Jacobian,
+//! [`LinearModel`] frequencies; `FlexibleBatch` steps many states in parallel.
 //!
 //! ```
 //! use fuyu_physics::dynamics::{IntegrationMethod, flexible::*};

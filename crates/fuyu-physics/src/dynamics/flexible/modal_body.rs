@@ -9,15 +9,15 @@ use crate::spatial::{Pose, Twist, Wrench};
 /// A deformable body whose attachment is fixed to a body of the robot.
 #[derive(Clone, Debug)]
 pub struct ModalBody {
-    /// As it was given, in its attachment frame A.
+    /// The original description, in its attachment frame A.
     pub appendage: Appendage,
     /// The body that carries it.
     pub body: usize,
     /// Pose of the attachment frame A in the carrying body's frame B.
     pub X_BA: Pose,
-    /// Place of its first modal coordinate among those of the robot.
+    /// Index of its first modal coordinate among those of the robot.
     pub offset: usize,
-    /// The output point that carries the links that follow, if this is an elastic link.
+    /// The output point that carries the following links, if this is an elastic link.
     pub section: Option<usize>,
     /// The same body with B as attachment frame.
     pub(super) in_body: Appendage,
@@ -63,12 +63,12 @@ impl ModalBody {
         &self.appendage.name
     }
 
-    /// How many modal coordinates it has.
+    /// Number of modal coordinates.
     pub fn modes(&self) -> usize {
         self.appendage.modes()
     }
 
-    /// Places of its modal coordinates among those of the robot.
+    /// Indices of its modal coordinates among those of the robot.
     pub fn range(&self) -> std::ops::Range<usize> {
         self.offset..self.offset + self.modes()
     }
@@ -106,11 +106,11 @@ fn placed(of_A: &Invariants, X_BA: &Pose) -> Invariants {
     of_B
 }
 
-/// Mass integrals of a body with displacement `X + Σ ψ_k μ_k` in the form in which the equations use them: the first
-/// moment is linear in μ, the moment of inertia quadratic, and the angular momentum of each mode linear.
+/// Mass integrals of a body with displacement `X + Σ ψ_k μ_k`, in the form of the equations of motion: the first moment
+/// is linear in μ, the moment of inertia quadratic, and the angular momentum of each mode linear.
 #[derive(Clone, Debug)]
 pub(super) struct FirstOrderIntegrals {
-    /// Of the undeformed body.
+    /// Mass integrals of the undeformed body.
     pub rigid: Composite,
     /// `∫ ψ_k dm` as force, `∫ X × ψ_k dm` as torque.
     pub coupling: Vec<Wrench>,
@@ -163,7 +163,7 @@ impl FirstOrderIntegrals {
 /// A deformable body at one shape, in the frame of the body that carries it, and about its origin.
 #[derive(Clone, Debug)]
 pub(super) struct ModalShape {
-    /// With all modes locked.
+    /// Composite inertia with all modes locked.
     pub locked: Composite,
     /// Momentum of the modal rates.
     pub momentum: Wrench,
@@ -178,7 +178,7 @@ pub(super) struct ModalShape {
     J_dot: Matrix3<f64>,
     /// `∂J/∂μ_k` at this shape.
     dJ: Vec<Matrix3<f64>>,
-    /// For second order.
+    /// Terms of second order, if the body has them.
     kinetics: Option<Box<Kinetics>>,
 }
 
@@ -200,7 +200,7 @@ impl ModalShape {
         }
     }
 
-    /// Everything that does not depend on the motion of the carrying body.
+    /// Sets all terms that do not depend on the motion of the carrying body.
     pub fn set_shape(&mut self, body: &ModalBody, mu: &[f64], mu_dot: &[f64]) {
         if let Some(kinetics) = &mut self.kinetics {
             kinetics.update(&body.in_body, mu, mu_dot, &Vector3::zeros());
@@ -253,8 +253,8 @@ impl ModalShape {
         }
     }
 
-    /// Convective forces while B turns with `w` \[rad/s\] and its origin does not accelerate, after [`Self::set_shape`]
-    /// for the same `mu` and `mu_dot`.
+    /// Sets the convective forces while B turns with `w` \[rad/s\] and its origin does not accelerate. Call
+    /// [`Self::set_shape`] for the same `mu` and `mu_dot` before.
     pub fn set_bias(&mut self, body: &ModalBody, mu: &[f64], mu_dot: &[f64], w: &Vector3<f64>) {
         if let Some(kinetics) = &mut self.kinetics {
             kinetics.update(&body.in_body, mu, mu_dot, w);
@@ -264,7 +264,7 @@ impl ModalShape {
             self.bias_modes.copy_from_slice(&b[6..]);
             return;
         }
-        // Rates in turning axes; h is the angular momentum of the modal rates. The modal forces are -∂T/∂μ_k of T = ½
+        // Rates in rotating axes; h is the angular momentum of the modal rates. The modal forces are -∂T/∂μ_k of T = ½
         // wᵀ J w + w·h.
         let Composite { S, J, .. } = &self.locked;
         self.bias = Wrench {

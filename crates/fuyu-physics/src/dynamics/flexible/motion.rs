@@ -32,8 +32,8 @@ impl CompiledBody {
 }
 
 impl FlexibleWorkspace {
-    /// Poses of the joints, shapes, composite inertias, and the momentum that joints, modes and rotors have while the
-    /// base is at rest.
+    /// Sets poses of the joints, shapes, composite inertias, and the momentum of joints, modes and rotors with the base
+    /// at rest.
     pub(super) fn set_positions(&mut self, state: &FlexibleState) {
         assert!(
             state.fits(&self.system),
@@ -96,7 +96,7 @@ impl FlexibleWorkspace {
         self.p_BC = self.whole.S / self.whole.mass;
     }
 
-    /// Joint poses and shapes of the deformable bodies; clears the sums.
+    /// Sets joint poses and shapes of the deformable bodies; clears the sums.
     fn set_shapes(&mut self, state: &FlexibleState) {
         let compiled = self.system.compiled();
         for (b, (node, body)) in self.nodes.iter_mut().zip(&compiled.bodies).enumerate() {
@@ -126,7 +126,8 @@ impl FlexibleWorkspace {
         }
     }
 
-    /// The base's twist from the momentum of `state`: Masutani 1995 eq. (4.23) with the momentum of modes and rotors.
+    /// Sets the base's twist from the momentum of `state`: Masutani 1995 eq. (4.23) with the momentum of modes and
+    /// rotors.
     pub(super) fn set_base_twist(&mut self, state: &FlexibleState) {
         let momentum = state.tree.momentum_W.expressed_in(&state.tree.R_WB);
         self.nodes[0].V = self.base_twist(&momentum);
@@ -155,7 +156,7 @@ impl FlexibleWorkspace {
         }
     }
 
-    /// Twists and bias accelerations of all bodies, from that of the base.
+    /// Sets twists and bias accelerations of all bodies, from the base's twist.
     pub(super) fn propagate_motion(&mut self, state: &FlexibleState) {
         let compiled = self.system.compiled();
         for b in 0..self.nodes.len() {
@@ -184,7 +185,7 @@ impl FlexibleWorkspace {
         }
     }
 
-    /// Poses of all bodies in the base frame.
+    /// Sets the poses of all bodies in the base frame.
     pub(super) fn set_poses(&mut self) {
         let compiled = self.system.compiled();
         for b in 1..self.nodes.len() {

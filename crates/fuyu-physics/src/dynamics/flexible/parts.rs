@@ -7,11 +7,11 @@ use super::error::require;
 
 /// A reaction wheel: a rotor on a body, driven by a motor between the two.
 ///
-/// The body's inertia contains the wheel as if it were locked. The wheel's angular momentum about its axis is then
-/// `inertia * (speed relative to the body)` in addition to that of the body.
+/// The body's inertia contains the locked wheel. The wheel's angular momentum about its axis is then `inertia * (speed
+/// relative to the body)` in addition to that of the body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Wheel {
-    /// What messages call it.
+    /// Name in messages.
     pub name: String,
     /// Axis, in axes of the link that carries the wheel.
     pub axis: Unit<Vector3<f64>>,
@@ -34,7 +34,7 @@ impl Wheel {
     /// Speed at which 76 % of the Coulomb friction acts \[rad/s\].
     pub const FRICTION_SPEED: f64 = 0.1;
 
-    /// Part of the speed limit within which a wheel counts as at it.
+    /// Relative distance from the speed limit within which a wheel counts as at the limit.
     pub(super) const AT_LIMIT: f64 = 1e-9;
 
     /// A wheel without limits and friction.
@@ -62,13 +62,13 @@ impl Wheel {
             - self.coulomb_friction * (speed / Self::FRICTION_SPEED).tanh()
     }
 
-    /// Torque that the motor gives when `wanted` is commanded at `speed`, held for `duration` \[s\] (0: an instant):
-    /// within the torque limit, and not beyond the speed limit by the end of the duration.
+    /// Motor torque for a commanded torque `wanted` at `speed`, held for `duration` \[s\] (0: an instant): within the
+    /// torque limit, and not beyond the speed limit at the end of the duration.
     pub fn limited_torque(&self, wanted: f64, speed: f64, duration: f64) -> f64 {
         let mut torque = wanted.clamp(-self.max_torque, self.max_torque);
         let limit = self.speed_limit();
         if limit < f64::INFINITY {
-            // Room to the limit in the direction of the torque; a wheel that is beyond it is only braked.
+            // Remaining change of momentum in the direction of the torque; a wheel beyond its limit is only braked.
             let room = (limit - speed * torque.signum()).max(0.0) * self.inertia;
             let is_there = room <= Self::AT_LIMIT * limit * self.inertia;
             if torque.abs() * duration > room || (duration == 0.0 && is_there) {
@@ -122,7 +122,7 @@ impl Wheel {
 /// A thruster that is either on or off.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Thruster {
-    /// What messages call it.
+    /// Name in messages.
     pub name: String,
     /// Where the force acts, in the frame of the link that carries the thruster \[m\].
     pub position: Vector3<f64>,
@@ -130,7 +130,7 @@ pub struct Thruster {
     pub direction: Unit<Vector3<f64>>,
     /// Force while it is on \[N\].
     pub thrust: f64,
-    /// Shortest time that its valve can be open \[s\]. A shorter command lasts so long.
+    /// Shortest time that the valve can be open \[s\]; shorter commands are lengthened to it.
     pub min_on_time: f64,
 }
 
@@ -166,37 +166,36 @@ impl Thruster {
     }
 }
 
-/// Which effects of a motor's rotor an elastic joint has.
+/// Model of a motor's rotor in an elastic joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RotorModel {
     /// The rotor is a gyrostat on the parent link: it has angular momentum, and follows the link's rotation. The
-    /// parent's inertia contains the rotor as if it were locked.
+    /// parent's inertia contains the locked rotor.
     #[default]
     Full,
-    /// The rotor turns as if the parent link did not (M. W. Spong, "Modeling and control of elastic joint robots", J.
-    /// Dyn. Sys. Meas. Control 109, 1987): terms of the order 1/gear_ratio are left out, and the momentum is that of
-    /// the links alone.
+    /// The rotor moves as if the parent link were at rest (M. W. Spong, "Modeling and control of elastic joint robots",
+    /// J. Dyn. Sys. Meas. Control 109, 1987): terms of the order 1/gear_ratio are neglected, and the momentum is that
+    /// of the links alone.
     Reduced,
 }
 
 /// Elasticity between the motor of a joint and the link that it moves.
 ///
-/// With the motor angle θ, measured on the output side of the gear, the link is driven by
-/// `stiffness (θ - q) + damping (θ' - q')`, and the motor by the joint's effort less this. Efforts of the joint are on
-/// the output side.
+/// With the motor angle θ, measured on the output side of the gear, the link is driven by `stiffness (θ - q) + damping
+/// (θ' - q')`, and the motor by the joint's effort minus this torque. Efforts of the joint are on the output side.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ElasticJoint {
     /// Name of the joint.
     pub joint: String,
     /// Torque per angle between motor and link \[N m/rad, N/m\].
     pub stiffness: f64,
-    /// Torque per rate of this angle \[N m s/rad, N s/m\].
+    /// Torque per rate of the same angle \[N m s/rad, N s/m\].
     pub damping: f64,
     /// Moment of inertia of the rotor about its axis, on the motor side of the gear \[kg m²\].
     pub rotor_inertia: f64,
-    /// Revolutions of the rotor for one of the joint.
+    /// Revolutions of the rotor per revolution of the joint.
     pub gear_ratio: f64,
-    /// Which effects the rotor has.
+    /// Model of the rotor.
     pub rotor: RotorModel,
 }
 

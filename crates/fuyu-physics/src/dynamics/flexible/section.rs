@@ -6,11 +6,11 @@ use super::ModalBody;
 use super::composite::{Articulated, Composite};
 use crate::spatial::{Pose, Twist, Wrench};
 
-/// Pose and motion of a carrying section E relative to the link's body frame B, and sums over the bodies that it carries.
-/// Components of motion and sums are in axes of E, about its origin.
+/// Pose and motion of a carrying section E relative to the link's body frame B, and sums over the bodies that E
+/// carries. Components of motion and sums are in axes of E, about its origin.
 #[derive(Clone, Debug)]
 pub(super) struct Section {
-    /// Place of the elastic link among the deformable bodies, and the number of its output point that the section is.
+    /// Index of the elastic link among the deformable bodies, and the number of the output point that is the section.
     pub modal_body: usize,
     output: usize,
     /// Origin of E in B while the link is straight; E then has the axes of B.
@@ -24,7 +24,7 @@ pub(super) struct Section {
     curvature: Twist,
     /// Acceleration of E while B and the modal rates do not accelerate, once B's angular velocity is known.
     pub bias: Twist,
-    /// The bodies that E carries.
+    /// Composite inertia of the bodies that E carries.
     pub composite: Composite,
     pub momentum: Wrench,
     pub inertia: Articulated,
@@ -34,7 +34,7 @@ pub(super) struct Section {
 }
 
 impl Section {
-    /// The section at output point `output` of `body`, the deformable body number `modal_body`.
+    /// The section at output point `output` of `body`, the deformable body with index `modal_body`.
     pub fn new(modal_body: usize, body: &ModalBody, output: usize) -> Self {
         Self {
             modal_body,
@@ -53,7 +53,7 @@ impl Section {
         }
     }
 
-    /// Sets pose, columns and relative motion; clears the composite inertia and momentum of what is carried. The small
+    /// Sets pose, columns and relative motion; clears composite inertia and momentum of the carried bodies. The small
     /// rotation φ of the output point is the sequence `Rz(φ_z) Ry(φ_y) Rx(φ_x)` in axes of the attachment frame A.
     pub fn set_shape(&mut self, body: &ModalBody, mu: &[f64], mu_dot: &[f64]) {
         (self.composite, self.momentum) = (Composite::zero(), Wrench::ZERO);
@@ -127,7 +127,7 @@ impl Section {
     }
 }
 
-/// A motion, given in axes of B, in those of E.
+/// A motion with components in axes of B, in axes of E.
 fn in_axes_of(R_BE: &Rotation3<f64>, angular: Vector3<f64>, linear: Vector3<f64>) -> Twist {
     Twist {
         angular: R_BE.inverse_transform_vector(&angular),

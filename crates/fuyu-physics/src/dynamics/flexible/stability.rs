@@ -1,4 +1,4 @@
-//! The longest step with which an explicit method follows every vibration and every damper.
+//! The longest stable step of an explicit method for the robot's vibrations and dampers.
 
 use fuyu_structures::{Eigen, generalized_eigen};
 use nalgebra::{Complex, DMatrix, DVector};
@@ -8,8 +8,8 @@ use super::{FlexibleError, FlexibleSystem, LinearModel, Wheel};
 use crate::dynamics::{IntegrationMethod, Tableau};
 
 impl FlexibleSystem {
-    /// Checks that `method` with steps of `step` \[s\] can follow every vibration and every damper at joint positions
-    /// `q`.
+    /// Checks that `method` is stable with steps of `step` \[s\] for every vibration and every damper at joint
+    /// positions `q`.
     ///
     /// # Errors
     /// [`FlexibleError::Unstable`] names the part and its frequency, [`FlexibleError::StiffDamping`] the part and its
@@ -39,7 +39,7 @@ impl FlexibleSystem {
         if step <= limit {
             return Ok(());
         }
-        // Where this vibration has most of its strain energy.
+        // The part with most of this vibration's strain energy.
         Err(FlexibleError::Unstable {
             part: self.most_of(&linear, &linear.stiffness, &eigen),
             frequency_hz: rate / std::f64::consts::TAU,
@@ -54,7 +54,7 @@ impl FlexibleSystem {
         Ok(eigen.values.iter().copied().fold(0.0, f64::max))
     }
 
-    /// Checks that `method` can follow the fastest decay, also that of wheels near rest, where Coulomb friction is
+    /// Checks that `method` is stable for the fastest decay, including wheels near rest, where Coulomb friction is
     /// steep. No pole decays faster than the largest eigenvalue of `M⁻¹ D`.
     fn check_damping(
         &self,
@@ -83,7 +83,7 @@ impl FlexibleSystem {
         })
     }
 
-    /// Name of the part that has most of `xᵀ m x` in the last eigenvector.
+    /// Name of the part with most of `xᵀ m x` in the last eigenvector.
     fn most_of(&self, linear: &LinearModel, m: &DMatrix<f64>, eigen: &Eigen) -> String {
         let shape = eigen.vectors.column(eigen.vectors.ncols() - 1);
         let energy = (m * shape).component_mul(&shape);
@@ -113,8 +113,8 @@ impl Tableau {
         self.longest_step(1e-6, |wh| Complex::new(0.0, wh))
     }
 
-    /// Longest step \[s\] with which no vibration is amplified whose undamped frequency is `omega` \[rad/s\] at most, if no
-    /// `xᵀ D x / xᵀ M x` is larger than `decay` \[1/s\].
+    /// Longest step \[s\] with which vibrations of undamped frequencies up to `omega` \[rad/s\] are not amplified, if
+    /// `xᵀ D x / xᵀ M x` is at most `decay` \[1/s\].
     ///
     /// A pole `λ` with `|λ| <= omega` has the real part `-d/2`, `d <= decay`, so at the angle `θ` from the imaginary axis
     /// its magnitude is `decay / (2 sin θ)` at most.

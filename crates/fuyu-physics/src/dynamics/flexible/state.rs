@@ -8,25 +8,25 @@ use crate::spatial::Wrench;
 
 /// State of a [`FlexibleSystem`].
 ///
-/// `tree` has joints, attitude, centre of mass and momentum. These are of the whole system: the momentum includes that
-/// of modal rates, motor rotors and wheels, so that internal motion never changes it. In `tree.work` is the work of
-/// joint efforts (at the motors of elastic joints), springs and dampers of the description, wheel motors, external
-/// wrenches and thrusters. Kinetic plus strain energy is `work - losses().total()`, up to a constant.
+/// `tree` contains joints, attitude, centre of mass and momentum of the whole system: the momentum includes modal
+/// rates, motor rotors and wheels, so that internal motion never changes it. `tree.work` is the work of joint efforts
+/// (at the motors of elastic joints), springs and dampers of the description, wheel motors, external wrenches and
+/// thrusters. Kinetic plus strain energy is `work - losses().total()`, up to a constant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlexibleState {
     /// Joints, base attitude, centre of mass, momentum of the whole system, work.
     pub tree: State,
     /// Modal coordinates, motor angles of elastic joints, wheel angles.
     pub(super) x: DVector<f64>,
-    /// Their rates.
+    /// Rates of `x`.
     pub(super) xd: DVector<f64>,
     pub(super) losses: Losses,
     pub(super) partial_work: PartialWork,
-    /// For each thruster, how much longer it stays on \[s\].
+    /// For each thruster, the remaining time until it switches off \[s\].
     pub(super) on_time: Vec<f64>,
-    /// How long each thruster has been open \[s\]; zero if it is closed.
+    /// Time since each thruster's valve opened \[s\]; zero if it is closed.
     pub(super) open_for: Vec<f64>,
-    /// For each thruster, the impulse that it has given \[N s\].
+    /// For each thruster, its impulse so far \[N s\].
     pub(super) impulse: Vec<f64>,
     modes: usize,
     motors: usize,
@@ -35,16 +35,16 @@ pub struct FlexibleState {
 /// Energy that damping has dissipated since the start, by cause \[J\].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Losses {
-    /// By modal damping.
+    /// Loss in modal damping.
     pub modal_damping: f64,
-    /// By the damping of elastic joints.
+    /// Loss in the damping of elastic joints.
     pub elastic_joints: f64,
-    /// By the bearings of wheels.
+    /// Loss in the bearings of wheels.
     pub wheel_friction: f64,
 }
 
 impl Losses {
-    /// All of it \[J\].
+    /// Sum of all losses \[J\].
     pub fn total(&self) -> f64 {
         self.modal_damping + self.elastic_joints + self.wheel_friction
     }
@@ -56,12 +56,12 @@ impl Losses {
     }
 }
 
-/// Parts of the work that has been done since the start \[J\].
+/// Parts of the work done since the start \[J\].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PartialWork {
-    /// By the motors of wheels.
+    /// Work of the wheels' motors.
     pub wheel_motors: f64,
-    /// By external wrenches and thrusters.
+    /// Work of external wrenches and thrusters.
     pub external: f64,
 }
 
@@ -73,7 +73,8 @@ impl PartialWork {
 }
 
 impl FlexibleState {
-    /// At rest and undeformed at joint positions `q`, the base frame at the world's origin with its axes.
+    /// A state at rest and undeformed at joint positions `q`, with the base frame at the world's origin and along its
+    /// axes.
     ///
     /// # Panics
     /// If `q` does not have one element per joint.
@@ -115,7 +116,7 @@ impl FlexibleState {
         state
     }
 
-    /// [`FlexibleState::at_rest_with`] all joints at zero.
+    /// [`FlexibleState::at_rest_with`] all joint positions zero.
     pub fn at_rest(system: &FlexibleSystem) -> Self {
         Self::at_rest_with(system, &DVector::zeros(system.model().dof()))
     }
@@ -125,7 +126,7 @@ impl FlexibleState {
         &self.x.as_slice()[..self.modes]
     }
 
-    /// The same, to be changed. [`FlexibleState::set_base`] then moves the base to where it was.
+    /// Modal coordinates, mutable. [`FlexibleState::set_base`] then moves the base back to its pose.
     pub fn mu_mut(&mut self) -> &mut [f64] {
         &mut self.x.as_mut_slice()[..self.modes]
     }
@@ -135,7 +136,7 @@ impl FlexibleState {
         &self.xd.as_slice()[..self.modes]
     }
 
-    /// The same, to be changed.
+    /// Modal rates, mutable.
     pub fn mu_dot_mut(&mut self) -> &mut [f64] {
         &mut self.xd.as_mut_slice()[..self.modes]
     }
@@ -146,7 +147,7 @@ impl FlexibleState {
         &self.x.as_slice()[self.modes..self.modes + self.motors]
     }
 
-    /// The same, to be changed.
+    /// Motor angles, mutable.
     pub fn motor_angles_mut(&mut self) -> &mut [f64] {
         &mut self.x.as_mut_slice()[self.modes..self.modes + self.motors]
     }
@@ -156,7 +157,7 @@ impl FlexibleState {
         &self.xd.as_slice()[self.modes..self.modes + self.motors]
     }
 
-    /// The same, to be changed.
+    /// Motor rates, mutable.
     pub fn motor_rates_mut(&mut self) -> &mut [f64] {
         &mut self.xd.as_mut_slice()[self.modes..self.modes + self.motors]
     }
@@ -171,12 +172,12 @@ impl FlexibleState {
         &self.xd.as_slice()[self.modes + self.motors..]
     }
 
-    /// The same, to be changed.
+    /// Wheel speeds, mutable.
     pub fn wheel_speeds_mut(&mut self) -> &mut [f64] {
         &mut self.xd.as_mut_slice()[self.modes + self.motors..]
     }
 
-    /// Lets the motors of elastic joints move with their joints: no joint is wound up.
+    /// Sets the motors of elastic joints to the positions and rates of their joints: no joint is wound up.
     ///
     /// # Panics
     /// If the state is of another system.
@@ -193,19 +194,19 @@ impl FlexibleState {
         &self.losses
     }
 
-    /// Which parts of `tree.work` wheels and outside have done.
+    /// The parts of `tree.work` done by wheel motors and by external wrenches and thrusters.
     pub fn partial_work(&self) -> &PartialWork {
         &self.partial_work
     }
 
-    /// Brings all internal motion to rest: joints, modes and motors of elastic joints, which keep their positions.
-    /// Momentum is unchanged, so that the base's motion follows from it and from the wheels, which keep their speeds.
+    /// Stops all internal motion: joints, modes and motors of elastic joints, at their present positions. Wheel speeds
+    /// and momentum do not change; the base's motion follows from both.
     pub fn stop_internal_motion(&mut self) {
         self.tree.qd.fill(0.0);
         self.xd.rows_mut(0, self.modes + self.motors).fill(0.0);
     }
 
-    /// Brings everything to rest: internal motion, wheels, and with the momentum the base. Valves are closed.
+    /// Stops all motion: internal motion, wheels, and, by zero momentum, the base. Closes the valves.
     pub fn stop(&mut self) {
         self.tree.qd.fill(0.0);
         self.xd.fill(0.0);
@@ -219,18 +220,19 @@ impl FlexibleState {
         self.open_for.fill(0.0);
     }
 
-    /// How much longer each thruster stays on \[s\].
+    /// Remaining time until each thruster switches off \[s\].
     pub fn on_times(&self) -> &[f64] {
         &self.on_time
     }
 
-    /// Impulse that each thruster has given since the start \[N s\]: the propellant used is this over exhaust speed.
+    /// Impulse of each thruster since the start \[N s\]; the propellant used is the impulse divided by the exhaust
+    /// speed.
     pub fn thruster_impulses(&self) -> &[f64] {
         &self.impulse
     }
 
-    /// Opens the valve of thruster `i` for `duration` \[s\] from now. It replaces an earlier command; a duration of zero
-    /// or less closes the valve. A valve that is open stays open for its shortest on-time at least.
+    /// Opens the valve of thruster `i` for `duration` \[s\] from now, which replaces an earlier command; a duration of
+    /// zero or less closes the valve. An open valve stays open at least for its shortest on-time.
     ///
     /// # Panics
     /// If there are fewer thrusters, or `duration` is not finite.
@@ -274,7 +276,7 @@ impl FlexibleState {
             && self.on_time.iter().all(|x| x.is_finite())
     }
 
-    /// Rates of motors, then wheels.
+    /// Rates of the motors, then of the wheels.
     pub(super) fn rotor_rates(&self) -> &[f64] {
         &self.xd.as_slice()[self.modes..]
     }
@@ -292,8 +294,8 @@ impl FlexibleState {
 /// Input of a robot with flexible parts: efforts, torques, wrenches.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlexibleInput {
-    /// Joint efforts (of elastic joints: of the motor, on the output side) and external wrenches. One on an elastic
-    /// link is about the origin and in the axes of the link's frame
+    /// Joint efforts (of elastic joints: of the motor, on the output side) and external wrenches. A wrench on an
+    /// elastic link is about the origin and in the axes of the link's frame
     /// ([`FlexibleWorkspace::X_BF`](super::FlexibleWorkspace::X_BF)), which moves with the section that carries the
     /// next link.
     pub tree: Input,
@@ -302,7 +304,7 @@ pub struct FlexibleInput {
 }
 
 impl FlexibleInput {
-    /// Nothing acts.
+    /// Zero input.
     pub fn zero(system: &FlexibleSystem) -> Self {
         Self {
             tree: Input::zero(system.model()),

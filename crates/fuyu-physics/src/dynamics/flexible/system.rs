@@ -1,4 +1,4 @@
-//! A robot with flexible parts, wheels and thrusters: its description, checked once.
+//! A robot with flexible parts, wheels and thrusters: its checked description.
 
 use std::sync::Arc;
 
@@ -24,22 +24,22 @@ pub(super) struct Parts {
     pub joints: Vec<ElasticJoint>,
     pub wheels: Vec<Wheel>,
     pub thrusters: Vec<Thruster>,
-    /// Of each deformable body without second order.
+    /// First-order limits of each deformable body without second-order terms.
     pub limits: Vec<Option<FirstOrderLimits>>,
     pub compiled: Compiled,
 }
 
-/// Data of the recursions.
+/// Precomputed data of the recursions.
 #[derive(Debug)]
 pub(super) struct Compiled {
     pub bodies: Vec<CompiledBody>,
     /// Rotors: those of motors with [`RotorModel::Full`](super::RotorModel::Full), then the wheels.
     pub rotors: Vec<Rotor>,
-    /// For each joint its place among the elastic joints.
+    /// For each joint the index of its elastic joint.
     pub elastic: Vec<Option<usize>>,
-    /// For each elastic joint its joint.
+    /// For each elastic joint the index of its joint.
     pub joint_of: Vec<usize>,
-    /// For each thruster its body, and position and force in the body's frame.
+    /// For each thruster the index of its body, and position and force in the body's frame.
     pub thrusters: Vec<(usize, Vector3<f64>, Vector3<f64>)>,
     pub modes: usize,
     pub mass: f64,
@@ -60,23 +60,23 @@ pub(super) struct CompiledBody {
     pub axis: Vector3<f64>,
     /// Pose of the joint frame in the frame that carries it: the parent's, or the section of an elastic link.
     pub X_PJ: Pose,
-    /// Without deformable bodies, about the body frame's origin; zero for an elastic link.
+    /// Inertia without deformable bodies, about the body frame's origin; zero for an elastic link.
     pub rigid: Composite,
-    /// The section of the elastic link that this body is, which carries what follows.
+    /// The section that carries the following links, if this body is an elastic link.
     pub section: Option<usize>,
-    /// The deformable bodies fixed to it; of an elastic link, the link itself alone.
+    /// The deformable bodies fixed to this body; for an elastic link, only the link itself.
     pub modal_bodies: Vec<usize>,
     pub rotors: Vec<usize>,
 }
 
-/// A rotor on a body, whose inertia contains it as locked.
+/// A rotor on a body. The body's inertia contains the locked rotor.
 #[derive(Debug)]
 pub(super) struct Rotor {
     pub body: usize,
-    /// In the body's axes.
+    /// Axis in the body's axes.
     pub axis: Vector3<f64>,
     pub inertia: f64,
-    /// Its coordinate among motor angles and wheel angles, and how fast it spins for a unit rate of it.
+    /// Its index among motor angles and wheel angles, and its speed for a unit rate of that coordinate.
     pub coordinate: usize,
     pub ratio: f64,
 }
@@ -109,7 +109,7 @@ impl FlexibleSystem {
         &self.parts.modal_bodies
     }
 
-    /// How many modal coordinates there are.
+    /// Number of modal coordinates.
     pub fn modes(&self) -> usize {
         self.parts.compiled.modes
     }
@@ -124,7 +124,7 @@ impl FlexibleSystem {
         &self.parts.wheels
     }
 
-    /// Axis of wheel `i` in the axes of the body that carries it, and the index of this body.
+    /// Axis of wheel `i` in the axes of the body that carries it, and the index of that body.
     ///
     /// # Panics
     /// If there are fewer wheels.
@@ -143,7 +143,7 @@ impl FlexibleSystem {
         &self.parts.thrusters
     }
 
-    /// Index of the body that carries thruster `i`, and in its frame where the force acts \[m\] and the force \[N\].
+    /// Index of the body that carries thruster `i`; in that body's frame the point of action \[m\] and the force \[N\].
     ///
     /// # Panics
     /// If there are fewer thrusters.
@@ -151,13 +151,13 @@ impl FlexibleSystem {
         self.parts.compiled.thrusters[i]
     }
 
-    /// Mass of everything \[kg\].
+    /// Total mass \[kg\].
     pub fn total_mass(&self) -> f64 {
         self.parts.compiled.mass
     }
 
-    /// Names of the joints whose Coulomb friction, stops or speed limits `settings` ask for but are not simulated: those
-    /// of the description that have any. Springs and viscous damping are simulated.
+    /// Names of joints with Coulomb friction, stops or speed limits that `settings` enable but that are not simulated
+    /// here. Springs and viscous damping are simulated.
     pub fn unsimulated_joints(&self, settings: &JointPhysics) -> impl Iterator<Item = &str> {
         let JointPhysics {
             friction,
@@ -176,8 +176,8 @@ impl FlexibleSystem {
             .map(|joint| &*joint.name)
     }
 
-    /// The robot with its deformable bodies locked undeformed: the inertia of each body contains those that it carries.
-    /// Elastic links keep the inertia of the description.
+    /// The robot with its deformable bodies undeformed and locked: the inertia of each body includes the deformable
+    /// bodies on it. Elastic links keep the inertia of the description.
     pub fn rigid_model(&self) -> Model {
         let mut model = self.model().clone();
         for (b, body) in self.compiled().bodies.iter().enumerate() {
@@ -201,12 +201,12 @@ impl FlexibleSystem {
         &self.parts.limits
     }
 
-    /// Whether both are clones of one system.
+    /// Whether both are clones of the same system.
     pub(super) fn is(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.parts, &other.parts)
     }
 
-    /// Inertia of the undeformed robot's body `b`, with the appendages that it carries, in its frame.
+    /// Inertia of the undeformed robot's body `b`, including its appendages, in its frame.
     pub(super) fn undeformed_inertia(&self, b: usize) -> RigidInertia {
         let body = &self.compiled().bodies[b];
         let mut sum = body.rigid;

@@ -5,7 +5,7 @@ use super::{FlexibleInput, FlexibleState, FlexibleWorkspace};
 use crate::spatial::{Twist, Wrench};
 
 impl FlexibleWorkspace {
-    /// As [`FlexibleFloating::transmitted_wrench`](super::FlexibleFloating::transmitted_wrench).
+    /// Implements [`FlexibleFloating::transmitted_wrench`](super::FlexibleFloating::transmitted_wrench).
     pub(super) fn transmitted_wrench(
         &mut self,
         b: usize,
@@ -22,17 +22,17 @@ impl FlexibleWorkspace {
         }
     }
 
-    /// Wrench of the rest on body `b` and all beyond it: acceleration times articulated inertia, plus bias force
-    /// (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 7.1). Only for a robot that holds nothing, whose articulated
-    /// inertias are those of the last accelerations.
+    /// Wrench of the rest on body `b` with its subtree: acceleration times articulated inertia, plus bias force (R.
+    /// Featherstone, Rigid Body Dynamics Algorithms, 2008, section 7.1). Valid only for a robot that holds no target,
+    /// whose articulated inertias are those of the last accelerations.
     fn wrench_on_subtree(&self, b: usize) -> Wrench {
         let node = &self.nodes[b];
         (node.inertia.times(&node.A) + node.force).shifted_to_parent(&node.X_0)
     }
 
-    /// What the momentum of the bodies that are not beyond `b`'s joint gains, and nothing else on them gives; so it is right
-    /// whatever the bodies beyond hold. For rigid bodies with wheels: the terms are those of the equations of motion
-    /// (`acceleration.rs`).
+    /// Wrench of the subtree of `b` on the rest: rate of momentum of the bodies outside the subtree, minus all other
+    /// wrenches on them. So it is also valid while the subtree holds a target. For rigid bodies with wheels; the terms
+    /// are those of the equations of motion (`acceleration.rs`).
     fn wrench_on_rest(&mut self, b: usize, state: &FlexibleState, input: &FlexibleInput) -> Wrench {
         self.set_poses();
         self.set_external(state, input);
@@ -53,7 +53,7 @@ impl FlexibleWorkspace {
                 continue;
             }
             let node = &self.nodes[rotor.body];
-            // Its speed limit holds for an instant, as for accelerations.
+            // The wheel's speed limit applies at this instant, as for accelerations.
             let torque = wheel.limited_torque(*wanted, *speed, 0.0) + wheel.friction(*speed);
             let locked = rotor.inertia * rotor.axis.dot(&node.A.angular);
             let gained = rotor.axis * (torque - locked);
@@ -72,8 +72,8 @@ mod tests {
     use crate::model::Model;
     use nalgebra::Vector3;
 
-    // Two formulations that share only the state: articulated inertias, and the momentum of the rest. Fails if wheels or
-    // thrusters are left out on one side, or if an axis or a sign is wrong.
+    // Two formulations that share only the state: articulated inertias, and the momentum of the rest. Fails if one of
+    // them omits wheels or thrusters, or if an axis or a sign is wrong.
     #[test]
     fn articulated_inertias_and_the_momentum_of_the_rest_agree() {
         let text = include_str!("../../../../../urdf/servicer.urdf");

@@ -1,4 +1,4 @@
-//! Scratch memory of a robot with flexible parts, and what can be read from it at one state.
+//! Scratch memory of a robot with flexible parts, and the quantities computed at one state.
 
 use nalgebra::{Translation3, Vector3};
 
@@ -18,10 +18,11 @@ pub struct FlexibleWorkspace {
     pub(super) system: FlexibleSystem,
     pub(super) nodes: Vec<Node>,
     pub(super) modal: Vec<ModalNode>,
-    /// Of the elastic links.
+    /// Sections of the elastic links.
     pub(super) sections: Vec<Section>,
     pub(super) p_BC: Vector3<f64>,
-    /// The whole system locked, about the base frame's origin, and its momentum while the base is at rest.
+    /// Composite inertia of the whole locked system about the base frame's origin, and its momentum with the base at
+    /// rest.
     pub(super) whole: Composite,
     pub(super) at_rest: Wrench,
     /// External wrench on the whole system about the base frame's origin, and its power \[W\].
@@ -34,24 +35,25 @@ pub struct FlexibleWorkspace {
 pub(super) struct Node {
     /// Pose of B in the frame that carries it: the parent's, or the section of an elastic link.
     pub X: Pose,
-    /// Pose in the base frame.
+    /// Pose of B in the base frame.
     pub X_0: Pose,
     pub composite: Composite,
     pub momentum: Wrench,
-    /// Twist, inertial.
+    /// Inertial twist of B.
     pub V: Twist,
     /// Acceleration while the carrying frame and the joint do not accelerate.
     pub bias: Twist,
     pub inertia: Articulated,
     pub force: Wrench,
-    /// What an acceleration of the joint takes, and its inverse along the axis.
+    /// Wrench per unit of joint acceleration (`U` in Featherstone's notation), and the inverse of its component along
+    /// the axis.
     pub U: Wrench,
     pub d_inverse: f64,
-    /// Acceleration of the joint if nothing else accelerates.
+    /// Joint acceleration if nothing else accelerates.
     pub free: f64,
-    /// Acceleration; the linear part is that of the origin as a point.
+    /// Acceleration of B; the linear part is that of the origin as a point.
     pub A: Twist,
-    /// External wrench, about the origin.
+    /// External wrench about B's origin.
     pub external: Wrench,
 }
 
@@ -59,9 +61,9 @@ pub(super) struct Node {
 #[derive(Clone, Debug)]
 pub(super) struct ModalNode {
     pub shape: ModalShape,
-    /// Cholesky factor of the modal mass, with what the section carries, in its lower triangle by rows.
+    /// Cholesky factor of the modal mass, including the bodies that the section carries, in its lower triangle by rows.
     pub factor: Vec<f64>,
-    /// For each mode: coupling to B, and its solution with the factor.
+    /// For each mode: coupling to B, and its solution with the Cholesky factor.
     pub coupling: Vec<Wrench>,
     pub solved: Vec<Wrench>,
     /// Modal accelerations while B does not accelerate, then their final values.
@@ -202,7 +204,7 @@ impl FlexibleWorkspace {
         }
     }
 
-    /// The section that carries frames of body `b`, if the body is an elastic link.
+    /// The section to which frames of body `b` are fixed, if the body is an elastic link.
     fn carrying_section(&self, b: usize) -> Option<&Section> {
         (self.system.compiled().bodies[b].section).map(|s| &self.sections[s])
     }
@@ -235,8 +237,8 @@ impl FlexibleWorkspace {
     }
 
     /// Momentum (base axes, angular about the system's centre of mass) summed over bodies, deformable bodies and rotors
-    /// from their twists. It does not use the sums from which the base's twist follows, so comparing it with that of
-    /// the state is a check.
+    /// from their twists. The sum is independent of the one that gives the base's twist, so comparison with the state's
+    /// momentum is a check.
     pub fn carried_momentum(&self, state: &FlexibleState) -> Momentum {
         let mut sum = Wrench::ZERO;
         for (b, node) in self.nodes.iter().enumerate() {
@@ -245,8 +247,8 @@ impl FlexibleWorkspace {
         self.about_com(&sum)
     }
 
-    /// Sum over rigid bodies, deformable bodies and rotors of the magnitudes of their momenta (linear \[N s\], angular about
-    /// the system's centre of mass \[N m s\]): what rounding errors of the momentum are relative to.
+    /// Sums of the magnitudes of the momenta of rigid bodies, deformable bodies and rotors (linear \[N s\], angular
+    /// about the system's centre of mass \[N m s\]): the scale for rounding errors of the momentum.
     pub fn momentum_scale(&self, state: &FlexibleState) -> (f64, f64) {
         let compiled = self.system.compiled();
         let mut sum = (0.0, 0.0);
@@ -268,7 +270,7 @@ impl FlexibleWorkspace {
         sum
     }
 
-    /// A momentum about the base frame's origin as one about the system's centre of mass.
+    /// Converts a momentum about the base frame's origin to one about the system's centre of mass.
     fn about_com(&self, sum: &Wrench) -> Momentum {
         Momentum {
             linear: sum.force,
@@ -276,7 +278,7 @@ impl FlexibleWorkspace {
         }
     }
 
-    /// Momentum of body `b`, with the deformable bodies and rotors on it, in its frame.
+    /// Momentum of body `b`, with its deformable bodies and rotors, in its frame.
     pub(super) fn own_momentum(&self, b: usize, state: &FlexibleState) -> Wrench {
         let (compiled, V) = (self.system.compiled(), &self.nodes[b].V);
         let body = &compiled.bodies[b];
@@ -309,7 +311,7 @@ impl FlexibleWorkspace {
                 twice += rotor.inertia * spin * (2.0 * rotor.axis.dot(&V.angular) + spin);
             }
         }
-        // The rotor of a reduced joint turns as if its link did not.
+        // The rotor of a reduced joint moves as if its link were at rest.
         for (joint, rate) in (self.system.elastic_joints().iter()).zip(state.motor_rates()) {
             if joint.rotor == RotorModel::Reduced {
                 twice += joint.reflected_inertia() * rate * rate;

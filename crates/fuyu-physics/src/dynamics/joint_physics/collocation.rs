@@ -28,24 +28,25 @@ const GAUSS_4: ([f64; 4], [f64; 4]) = (
     ],
 );
 
-/// Product of decay rate and step below which two nodes, and four, resolve a decay.
+/// Products of decay rate and step up to which two nodes, and four nodes, resolve a decay.
 const RESOLVED: [f64; 2] = [0.01, 0.2];
 
-/// Limit of the iterations. Each gains a factor of the step times the rates of change; where this many do not converge, the step is
-/// divided.
+/// Limit of the iterations. Each reduces the error by the step times the rates of change; if they do not converge, the
+/// step is divided.
 const ITERATIONS: usize = 20;
 
-/// Change of the rates, relative to their size, at which the iteration ends.
+/// Change of the rates, relative to their size, at which the iteration has converged.
 const CONVERGED: f64 = 1e-15;
-/// The same where rounding lets it stagnate, and after the last iteration.
+/// Change of the rates that also counts as converged if rounding makes the iteration stagnate, or after the last
+/// iteration.
 const NEARLY_CONVERGED: f64 = 1e-11;
 
-/// Everything that acts on a robot while it moves.
+/// The equations of motion, the forcing and the input of a robot during a step.
 pub(in crate::dynamics) struct Acting<'a> {
     pub equations: &'a mut EquationsOfMotion,
     pub workspace: &'a mut Workspace,
     pub forcing: &'a mut dyn Forcing,
-    /// The input that the forcing wrote last: actuators and external wrenches.
+    /// Last input written by the forcing: actuators and external wrenches.
     pub input: &'a mut Input,
 }
 
@@ -57,7 +58,7 @@ pub(super) struct Node {
     pub holding: DVector<f64>,
     /// Efforts of the actuators.
     efforts: DVector<f64>,
-    /// Rate of the base's rotation vector less the share of the frozen base map.
+    /// Rate of the base's rotation vector minus the part due to the base map at the start.
     turn: Vector3<f64>,
     /// External force and torque, world axes.
     force: Vector3<f64>,
@@ -68,13 +69,14 @@ pub(super) struct Node {
 /// A step of exponential collocation at Gauss's nodes.
 ///
 /// The equations of motion are written as `x' = -Λ x + g`, with the [`Modes`] of the damping at the start of the step.
-/// The forcing `g` contains everything else: Coriolis terms, efforts, and the deviation of the damping from the modes as the
-/// configuration changes. `g` is interpolated by a polynomial through the nodes, for which the differential equation and its
-/// integral are solved exactly, and the values of `g` at the nodes are found by iteration. Without damping this is Gauss's
-/// implicit Runge-Kutta method, of order 2 s with s nodes. With damping it is stable for any step, and exact if Coriolis terms,
-/// efforts and inertia are constant (M. Hochbruck and A. Ostermann, Exponential Runge-Kutta methods for parabolic problems,
-/// Applied Numerical Mathematics 53, 2005, section 2). Base attitude is integrated likewise: the base map of the start
-/// times the joints' exact displacement, and a polynomial for the rest.
+/// The forcing `g` contains everything else: Coriolis terms, efforts, and the deviation of the damping from the modes
+/// as the configuration changes. `g` is interpolated by a polynomial through the nodes, for which the differential
+/// equation and its integral are solved exactly; the values of `g` at the nodes are found by iteration. Without damping
+/// this is Gauss's implicit Runge-Kutta method, of order 2 s with s nodes. With damping it is stable for any step, and
+/// exact if Coriolis terms, efforts and inertia are constant (M. Hochbruck and A. Ostermann, Exponential Runge-Kutta
+/// methods for parabolic problems, Applied Numerical Mathematics 53, 2005, section 2). The base attitude is integrated
+/// in the same way: the base map at the start times the joints' exact displacement, plus a polynomial for the
+/// remainder.
 #[derive(Debug, Clone)]
 pub(super) struct Collocation {
     nodes: &'static [f64],
@@ -91,7 +93,7 @@ pub(super) struct Collocation {
     base_map: Vec<Vector3<f64>>,
     /// For mode k and point i, at `k * (s + 1) + i`: `e^{-z θ}` and its integral.
     decays: Vec<[f64; 2]>,
-    /// The same for the answer to the j-th Lagrange polynomial, at `(k * (s + 1) + i) * s + j`.
+    /// The same for the response to the j-th Lagrange polynomial, at `(k * (s + 1) + i) * s + j`.
     answers: Vec<[f64; 2]>,
     /// `g` of mode k at node j, at `j * n + k`.
     forcing: Vec<f64>,
@@ -100,9 +102,9 @@ pub(super) struct Collocation {
     x_integral: Vec<f64>,
     displacement: Vec<f64>,
     total: Input,
-    /// Energy that the last step has supplied and dissipated \[J\].
+    /// Energy supplied and dissipated in the last step \[J\].
     balance: (f64, f64),
-    /// The state that is being written.
+    /// Scratch: the state at a point.
     point: State,
     pub at_nodes: Vec<Node>,
     /// The end of the last step.
@@ -110,7 +112,7 @@ pub(super) struct Collocation {
 }
 
 impl Collocation {
-    /// With two nodes for methods of up to four stages, otherwise with four.
+    /// A method with two nodes for tableaus of up to four stages, otherwise with four nodes.
     pub fn new(model: &Model, stages: usize) -> Self {
         let (nodes, weights): (&'static [f64], &'static [f64]) = match stages {
             0..=4 => (&GAUSS_2.0, &GAUSS_2.1),
@@ -171,7 +173,7 @@ impl Collocation {
         }
     }
 
-    /// Start and joints that are held, for the steps of any length that follow.
+    /// Sets the start of the following steps, of any length, and the joints that are held.
     pub fn start(&mut self, start: &State, contacts: &Contacts, acting: &mut Acting) {
         let loops = &mut acting.equations.loops;
         if !loops.closures().is_empty() {
@@ -187,19 +189,19 @@ impl Collocation {
         self.modes.read(start.qd.as_slice(), &mut self.x_0);
     }
 
-    /// Decay of the fastest mode of the damping \[1/s\].
+    /// Decay rate of the fastest mode of the damping \[1/s\].
     pub fn fastest_decay(&self) -> f64 {
         let decays = &self.modes.decay[..self.modes.count()];
         decays.iter().copied().fold(0.0, f64::max)
     }
 
-    /// By how much the energy balance of the last step is wrong, relative to the energy that it turned over: kinetic energy at
-    /// both ends, work, and dissipation.
+    /// Error of the energy balance of the last step, relative to the sum of kinetic energy at both ends, work, and
+    /// dissipation.
     pub fn energy_error(&self, start: &State, acting: &mut Acting) -> f64 {
         let end = &self.end.state;
         let before = kinetic_energy(start, acting.workspace);
         let after = kinetic_energy(end, acting.workspace);
-        // Not from the states: what they have accumulated may be so much larger that its rounding covers a short step.
+        // Not from the accumulated values of the states, whose rounding may exceed the energy of a short step.
         let (supplied, lost) = self.balance;
         let size = before + after + lost.abs() + supplied.abs();
         (after - before - (supplied - lost)).abs() / size.max(f64::MIN_POSITIVE)
@@ -210,7 +212,8 @@ impl Collocation {
         2 * self.nodes.len()
     }
 
-    /// A step of `h` \[s\]. The result is in `end`, the states in between in `at_nodes`. Whether the iteration has converged.
+    /// Computes a step of `h` \[s\]: the result is in `end`, the states at the nodes in `at_nodes`. Returns whether the
+    /// iteration has converged.
     pub fn step(
         &mut self,
         start: &State,
@@ -236,7 +239,7 @@ impl Collocation {
                     change = larger(change, answer * (now - before).abs());
                     size = size.max(answer * now.abs()).max(self.x_0[k].abs());
                 }
-                // The angle counts as it is: a state has no size to compare it with.
+                // The angle is not scaled: a state has no size to compare it with.
                 let node = &self.at_nodes[i];
                 let turning = h * (node.turn - turn_before).norm();
                 change = larger(change, turning * size);
@@ -255,14 +258,14 @@ impl Collocation {
         converged
     }
 
-    /// Efforts that hold joints at the end of the last step.
+    /// Computes the efforts that hold joints at the end of the last step.
     pub fn evaluate_end(&mut self, contacts: &mut Contacts, acting: &mut Acting) {
         let state = &self.end.state;
         acting.forcing.apply(state.time, state, acting.input);
         contacts.evaluate(state, acting, &mut self.total, &mut self.end.holding);
     }
 
-    /// Answers of the modes, for a step of `h`.
+    /// Computes the responses of the modes for a step of `h`.
     fn set_answers(&mut self, h: f64) {
         let s = self.nodes.len();
         for k in 0..self.modes.count() {
@@ -297,7 +300,7 @@ impl Collocation {
         }
     }
 
-    /// The forcing of the start at all nodes, from `contacts.at_start`.
+    /// Initial guess: the forcing at the start, from `contacts.at_start`, at all nodes.
     fn guess(&mut self, start: &State, contacts: &Contacts) {
         let s = self.nodes.len();
         let n = self.x.len();
@@ -389,7 +392,7 @@ impl Collocation {
         turned
     }
 
-    /// Evaluates the equations of motion at node `i`, `turned` from the start.
+    /// Evaluates the equations of motion at node `i`; `turned` is the rotation vector from the start.
     fn evaluate(
         &mut self,
         i: usize,
@@ -424,7 +427,7 @@ impl Collocation {
         }
     }
 
-    /// Work and dissipation of the step, into the end's state. `displacement` is that of the end.
+    /// Adds work and dissipation of the step to the end's state. `displacement` is that at the end.
     fn account(&mut self, start: &State, h: f64, contacts: &Contacts, acting: &Acting) {
         let mut supplied = 0.0;
         let mut lost = Dissipated::default();
@@ -446,7 +449,7 @@ impl Collocation {
             supplied += joint.spring.stiffness * (joint.spring.rest - middle) * displacement;
             lost.friction -= contacts.sliding[j] * displacement;
             if contacts.held[j] {
-                // Only a joint at its speed limit moves.
+                // Among the held joints, only those at their speed limits move.
                 lost.velocity_limits -= holding;
                 lost.damping += joint.damping * start.qd[j].powi(2) * h;
             }
@@ -459,7 +462,7 @@ impl Collocation {
         end.dissipated += lost;
     }
 
-    /// Energy that the damping of mode `k` takes in the step, `λ ∫ x² dt` \[J\].
+    /// Energy dissipated by the damping of mode `k` in the step, `λ ∫ x² dt` \[J\].
     fn dissipated_by(&self, k: usize, h: f64) -> f64 {
         let (s, n) = (self.nodes.len(), self.x.len());
         let decay = self.modes.decay[k];
@@ -510,7 +513,7 @@ fn point(nodes: &[f64], i: usize) -> f64 {
     nodes.get(i).copied().unwrap_or(1.0)
 }
 
-/// The larger one; NaN if one of them is.
+/// The larger number; NaN if one of them is.
 fn larger(a: f64, b: f64) -> f64 {
     if b > a || b.is_nan() { b } else { a }
 }

@@ -1,4 +1,4 @@
-//! Forces in the joints that are not smooth: Coulomb friction, stops, speed limits.
+//! Non-smooth forces in the joints: Coulomb friction, stops, speed limits.
 
 use nalgebra::DVector;
 
@@ -8,14 +8,14 @@ use super::small_matrix::{factorize, solve_lower, solve_lower_transposed};
 use crate::dynamics::{Evaluation, Input, State, Workspace};
 use crate::model::Model;
 
-/// Slowest speed with which a joint leaves a stop after an impact \[rad/s or m/s\]; below it the joint stays there, as a real
-/// one does after a finite number of rebounds.
+/// Slowest rate at which a joint rebounds from a stop \[rad/s or m/s\]; below it the joint rests there, as a real joint
+/// does after a finite number of rebounds.
 const SLOWEST_REBOUND: f64 = 1e-4;
 
-/// Excess of an effort over its range that is rounding, relative to the range plus one.
+/// Excess of an effort over its range that counts as rounding, relative to the range plus one.
 const EXCESS: f64 = 1e-10;
 
-/// Limit of the impacts that one impact causes in other joints. Each takes energy, so they decay.
+/// Limit of the chain of impacts that one impact causes in other joints. Each takes energy, so the chain decays.
 const IMPACTS: usize = 100;
 
 /// Properties of one joint.
@@ -31,18 +31,18 @@ struct Limits {
 /// The next event of a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Event {
-    /// It stops sliding.
+    /// The joint stops sliding.
     Rest,
-    /// It reaches a stop, at this position.
+    /// The joint reaches a stop, at this position.
     Stop(f64),
-    /// It reaches its speed limit, at this rate.
+    /// The joint reaches its speed limit, at this rate.
     Speed(f64),
-    /// The reaction that holds it reaches its limit.
+    /// The effort that holds the joint reaches the end of its range.
     Release,
 }
 
-/// Range of the effort that can hold a joint at its rate \[N m or N\], in the linear complementarity problem of the joints
-/// that rest, touch a stop, or move at their speed limit.
+/// Pivot state of a joint in the linear complementarity problem of the joints that rest, touch a stop, or move at their
+/// speed limit: whether an effort within its range holds the joint at its rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Holding {
     /// The joint keeps its rate; the effort follows.
@@ -53,12 +53,12 @@ enum Holding {
     Highest,
 }
 
-/// Which joints slide, rest, touch a stop or move at their speed limit. Between two events this does not change.
+/// Modes of the joints: which ones slide, rest, touch a stop or move at their speed limit. Constant between two events.
 #[derive(Debug, Clone)]
 pub(super) struct Contacts {
     restitution: f64,
     limits: Vec<Limits>,
-    /// Position limits in this step: a joint that starts beyond a limit may not move further.
+    /// Position limits in this step; for a joint that starts beyond a limit, its position is the limit.
     within: Vec<[f64; 2]>,
     /// Joints that keep their rate.
     pub held: Vec<bool>,
@@ -66,15 +66,15 @@ pub(super) struct Contacts {
     pub sliding: Vec<f64>,
     /// Direction in which a joint with friction slides, otherwise 0.
     direction: Vec<f64>,
-    /// Range of the effort that may hold a joint.
+    /// Range of the effort that can hold a joint.
     range: Vec<[f64; 2]>,
-    /// Joints that are held until the next event by any effort, since they would leave only by rounding.
+    /// Joints that any effort holds until the next event, since they would start to move only by rounding.
     pub locked: Vec<bool>,
     candidates: Vec<usize>,
     choice: Vec<Holding>,
-    /// The equations of motion at the last [`Contacts::choose`].
+    /// The equations of motion evaluated in the last [`Contacts::choose`].
     pub at_start: Evaluation,
-    /// Efforts of all holding joints at the last [`Contacts::choose`].
+    /// Efforts of all holding joints in the last [`Contacts::choose`].
     pub at_start_holding: DVector<f64>,
     /// `Ĥ⁻¹`, the columns of the candidates, in their order.
     columns: Vec<f64>,
@@ -132,8 +132,8 @@ impl Contacts {
         self.limits.iter().any(is_limited)
     }
 
-    /// Whether a step from `start` to `end`, computed without limits, respects them. A joint that reverses within the step
-    /// could have exceeded a limit in between, by half of what it moves in the step at its faster rate at most.
+    /// Whether a step from `start` to `end`, computed without limits, respects them. A joint that reverses within the
+    /// step could have exceeded a limit in between, by at most half of its motion in the step at its faster rate.
     pub fn respected(&self, start: (&[f64], &[f64]), end: (&[f64], &[f64]), dt: f64) -> bool {
         let rates = start.1.iter().zip(end.1);
         let moved = start.0.iter().zip(end.0).zip(rates);
@@ -150,7 +150,7 @@ impl Contacts {
             })
     }
 
-    /// Begins a step: limits, and speeds that exceed theirs.
+    /// Begins a step: sets the limits, and reduces rates that exceed them.
     pub fn begin(&mut self, state: &mut State, workspace: &mut Workspace) {
         for (j, joint) in self.limits.iter().enumerate() {
             self.within[j] = [joint.lower.min(state.q[j]), joint.upper.max(state.q[j])];
@@ -162,7 +162,7 @@ impl Contacts {
         }
     }
 
-    /// Decides which joints are held from now on, and sets `at_start`.
+    /// Determines which joints are held from now on, and sets `at_start`.
     pub fn choose(&mut self, state: &State, acting: &mut Acting, total: &mut Input) {
         self.candidates.clear();
         self.held.fill(false);
@@ -217,9 +217,9 @@ impl Contacts {
     }
 
     /// Solves `q̈ = q̈_0 + Ĥ⁻¹ f` for the candidates: each either keeps its rate by an effort within its range, or has
-    /// the effort of an end of the range and accelerates away. `Ĥ⁻¹` is positive definite, so there is one solution. Principal
-    /// pivoting with the least index finds it in finitely many pivots (R. W. Cottle, J.-S. Pang and R. E. Stone, The Linear
-    /// Complementarity Problem, 1992, section 4.2, Murty's method, for bounds on both sides).
+    /// the effort at an end of the range and accelerates away. `Ĥ⁻¹` is positive definite, so there is one solution.
+    /// Principal pivoting with the least index finds it in finitely many pivots (R. W. Cottle, J.-S. Pang and R. E.
+    /// Stone, The Linear Complementarity Problem, 1992, section 4.2, Murty's method, for bounds on both sides).
     fn solve_complementarity(&mut self, workspace: &mut Workspace) {
         let n = self.limits.len();
         let count = self.candidates.len();
@@ -298,7 +298,7 @@ impl Contacts {
             match self.choice[c] {
                 Holding::Held => self.held[j] = true,
                 end => {
-                    // It slides from now on, with the friction that held it.
+                    // The joint slides from now on, with the friction that held it.
                     self.at_start_holding[j] = 0.0;
                     self.sliding[j] += effort;
                     if self.limits[j].friction > 0.0 && self.direction[j] == 0.0 {
@@ -314,8 +314,8 @@ impl Contacts {
         }
     }
 
-    /// Evaluates the equations of motion at `state` with the friction of sliding joints, and with the efforts that hold the
-    /// others, which are written to `holding`.
+    /// Evaluates the equations of motion at `state` with the friction of sliding joints, and with the efforts that hold
+    /// the other joints, which are written to `holding`.
     pub fn evaluate(
         &mut self,
         state: &State,
@@ -378,8 +378,8 @@ impl Contacts {
         }
     }
 
-    /// The joint whose event is furthest past at `state`, with the efforts that hold joints there: the joint, the event, and by
-    /// how much it is past. Negative if no event has happened.
+    /// The event that is exceeded most at `state`: its joint, the event, and the excess, which is negative if no event
+    /// has happened. `holding` are the efforts that hold joints there.
     pub fn furthest(&self, state: &State, holding: Option<&DVector<f64>>) -> (usize, Event, f64) {
         let mut furthest = (0, Event::Release, -1.0);
         let mut consider = |j: usize, event: Event, past: f64| {
@@ -420,7 +420,7 @@ impl Contacts {
         furthest
     }
 
-    /// Lets the event of joint `j` happen at `state`.
+    /// Applies the event of joint `j` to `state`.
     pub fn happen(&mut self, j: usize, event: Event, state: &mut State, workspace: &mut Workspace) {
         match event {
             Event::Rest => state.qd[j] = 0.0,
@@ -433,9 +433,9 @@ impl Contacts {
         }
     }
 
-    /// Impacts: a joint at a stop that moves towards it is thrown back, and a joint beyond its speed limit is braked to it, each
-    /// by an impulse between the two bodies of the joint. It changes the rates by `Ĥ⁻¹` times the impulse, and no
-    /// momentum. One impact may cause others.
+    /// Resolves impacts: a joint that moves into its stop rebounds, and a joint beyond its speed limit is braked to it,
+    /// each by an impulse between the two bodies of the joint. The impulse changes the rates by `Ĥ⁻¹` times its size,
+    /// and does not change momentum. One impact may cause others.
     fn settle(&mut self, state: &mut State, workspace: &mut Workspace) {
         workspace.set_positions(&state.q);
         let n = self.limits.len();
@@ -447,7 +447,7 @@ impl Contacts {
             let next = (0..n).find_map(|j| {
                 let ([lower, upper], rate) = (self.within[j], rates[j]);
                 if state.q[j] >= upper && rate > 0.0 || state.q[j] <= lower && rate < 0.0 {
-                    // A chain of impacts ends.
+                    // Without rebounds the chain of impacts ends.
                     let rebound = match impact < IMPACTS / 2 {
                         true => -self.restitution * rate,
                         false => 0.0,

@@ -8,11 +8,12 @@
 //! - **Coulomb friction** is `-F sign q̇` while a joint slides. A joint that rests stays exactly at rest while an effort within
 //!   `±F` can hold it: a complementarity problem, without regularisation and without creep. Static and sliding friction are
 //!   equal, as in URDF.
-//! - **Stops** at the position limits: the joint reaches one within the step at a time that is found to rounding, and is thrown back
-//!   with the coefficient of restitution `e` (Newton's impact law). In the metric of the reduced inertia the
+//! - **Stops** at the position limits: the time at which a joint reaches one within the step is located to rounding,
+//! and the joint
+//!   rebounds with the coefficient of restitution `e` (Newton's impact law). In the metric of the reduced inertia the
 //!   impact takes the energy `½ (1 - e²) v² / (Ĥ⁻¹)_jj`. Below a rebound of 1e-4 rad/s (or m/s) the joint rests at the stop,
 //!   which pushes but does not pull.
-//! - **Speed limits**: the drive brakes a joint that would exceed its largest rate by the effort that this takes.
+//! - **Speed limits**: the drive brakes a joint that would exceed its largest rate, with whatever effort is needed.
 //!
 //! Between events (a joint stops, slips, reaches or leaves a limit) the motion is smooth. The time of an event is found by
 //! bracketing with whole steps of the integrator, so the state at the event is as accurate as any other.
@@ -27,18 +28,18 @@ mod stepper;
 pub(super) use collocation::Acting;
 pub(super) use stepper::Stepper;
 
-/// Steps in which joints do more than an explicit method integrates.
+/// Steps for which an explicit method is not sufficient because of the joints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum JointSteps {
-    /// None.
+    /// No step.
     Never,
-    /// Those in which a joint reaches a limit.
+    /// Steps in which a joint reaches a limit.
     AtLimits,
-    /// All: damping or friction acts.
+    /// Every step: damping or friction acts.
     Always,
 }
 
-/// Which properties of the description's joints are simulated. Damping always is.
+/// Which joint properties of the description are simulated. Damping always is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointPhysics {
     /// Coulomb friction.
@@ -63,7 +64,7 @@ impl Default for JointPhysics {
 }
 
 impl JointPhysics {
-    /// No friction, stops or speed limits: joints are only damped.
+    /// No friction, stops or speed limits: only damping.
     pub const DAMPING_ONLY: Self = Self {
         friction: false,
         stops: false,

@@ -1,12 +1,12 @@
-//! Modes of the damping: directions of joint motion that viscous damping slows down independently of each other.
+//! Modes of the damping: directions of joint motion that viscous damping slows down independently.
 
 use nalgebra::DMatrix;
 
 use super::small_matrix::{diagonalize, factorize, solve_lower, solve_lower_transposed};
 
 /// With the reduced inertia `Ĥ = L Lᵀ` and the damping `D` of one configuration, `L⁻¹ D L⁻ᵀ = V Λ Vᵀ`. The coordinates
-/// `x = Vᵀ Lᵀ q̇` of the joint rates then decay as `x' = -Λ x`, and the damping takes the power `q̇ᵀ D q̇ = xᵀ Λ x`, in
-/// this and in any other configuration. Only the joints that are not held have part in a mode.
+/// `x = Vᵀ Lᵀ q̇` of the joint rates then decay as `x' = -Λ x`, and the damping dissipates the power `q̇ᵀ D q̇ = xᵀ Λ
+/// x`, in this and in any other configuration. Held joints take no part in a mode.
 #[derive(Debug, Clone)]
 pub(super) struct Modes {
     joints: usize,
@@ -63,7 +63,7 @@ impl Modes {
         for column in self.scaled[..m * m].chunks_exact_mut(m.max(1)) {
             solve_lower(&self.factor, m, column);
         }
-        // The same from the other side.
+        // Apply the same transform from the other side.
         for i in 0..m {
             for k in 0..m {
                 self.scratch[k] = self.scaled[k * m + i];

@@ -6,34 +6,34 @@ use super::contacts::{Contacts, Event};
 use crate::dynamics::{Input, State};
 use crate::model::Model;
 
-/// Smallest part of a step that is tried where the collocation does not converge, or is not accurate.
+/// Smallest piece of a step that is tried if the collocation does not converge, or is not accurate.
 const SMALLEST_PIECE: f64 = 1e-6;
 
-/// Largest error of the energy balance of a piece, relative to the energy turned over in it, with the method of order 4, and with
-/// that of order 8. Smooth motion is far more accurate. It is not while a strong damper stops a joint in a fraction of a step and
-/// the inertia changes at the same time: the step is then divided.
+/// Largest error of the energy balance of a piece, relative to the sum of its energies, for the methods of order 4 and
+/// 8. Smooth motion is far more accurate, except while a strong damper stops a joint in a fraction of a step and the
+/// inertia changes at the same time: the step is then divided.
 const ENERGY_ERROR: [f64; 2] = [1e-8, 1e-11];
 
-/// Divisions of a step, and of a piece that does not converge, from which on the rest of the step is taken as it is. The
-/// iteration does not converge at any length if the efforts are not a function of time and state, such as those of a control
-/// law that remembers its last call.
+/// Number of divisions of a step, and of a piece that does not converge, after which the rest of the step is accepted
+/// as it is. The iteration does not converge at any length if the efforts are not a function of time and state, such as
+/// those of a control law that depends on its last call.
 const ATTEMPTS: usize = 1000;
 const DIVERGED: usize = 16;
 
-/// Error, relative to the largest, below which the next piece is twice as long.
+/// Error, relative to the largest accepted one, below which the next piece is twice as long.
 const DOUBLED: f64 = 1e-3;
 
-/// Decay of the fastest mode of the damping in a step up to which an explicit method is accurate.
+/// Decay of the fastest mode in a step up to which an explicit method is accurate.
 const SLOW_DECAY: f64 = 0.5;
 
-/// Events in a step from which on none is looked for any more: the rest of the step may exceed a limit by what the joint
-/// moves in it. No mechanism has as many.
+/// Number of events in a step after which no more are located: in the rest of the step a joint may exceed a limit by
+/// its motion. No real mechanism has as many events.
 const EVENTS: usize = 200;
 
 /// Iterations that locate an event; each halves the bracket at least.
 const LOCATING: usize = 80;
 
-/// How far an event may be past to count as located: position \[rad or m\], rate, or effort over its range.
+/// Excess of an event up to which it counts as located: position \[rad or m\], rate, or effort over its range.
 const ROUNDING: f64 = 1e-14;
 
 /// Width of the bracket at which an event is located, relative to the step.
@@ -53,8 +53,8 @@ pub(in crate::dynamics) struct Stepper {
 }
 
 impl Stepper {
-    /// For a method with this number of stages; `None` if the model's joints have nothing to simulate. `is_tree` if there are no
-    /// closed loops, for which only damping is simulated.
+    /// A stepper for a tableau with `stages` stages; `None` if the model's joints have nothing to simulate. With closed
+    /// loops (not `is_tree`), only damping is simulated.
     pub fn new(
         model: &Model,
         settings: &JointPhysics,
@@ -80,7 +80,7 @@ impl Stepper {
         })
     }
 
-    /// Whether an explicit step from `start` to `end` is right, since no limit was reached in it.
+    /// Whether an explicit step from `start` to `end` is valid, since no limit was reached in it.
     pub fn is_free(&self, start: (&[f64], &[f64]), end: (&[f64], &[f64]), dt: f64) -> bool {
         !self.acts_always && self.contacts.respected(start, end, dt)
     }
@@ -90,8 +90,8 @@ impl Stepper {
         self.acts_always
     }
 
-    /// Evaluates the equations of motion at `state` with all efforts in the joints. They are in `acting.equations`
-    /// afterwards; positions, motion and external wrench in the workspace as after any evaluation.
+    /// Evaluates the equations of motion at `state` with all efforts in the joints. The result is in
+    /// `acting.equations`; the workspace holds positions, motion and external wrench as after any evaluation.
     pub fn evaluate(&mut self, state: &State, acting: &mut Acting) {
         let Self {
             contacts,
@@ -119,8 +119,9 @@ impl Stepper {
         acting.equations.evaluate(state, acting.workspace, total);
     }
 
-    /// Whether an explicit step of `dt` \[s\] is right for a mechanism with closed loops. Where it passes a singular
-    /// configuration, the iteration of [`Stepper::step`] does not converge, since the constraints change within the step.
+    /// Whether an explicit step of `dt` \[s\] is accurate for a mechanism with closed loops. If the mechanism passes a
+    /// singular configuration, the iteration of [`Stepper::step`] does not converge, since the constraints change
+    /// within the step.
     pub fn is_explicit_mechanism(
         &mut self,
         state: &mut State,
@@ -160,7 +161,7 @@ impl Stepper {
                 if taken > 0.0 {
                     self.contacts.locked.fill(false);
                 } else {
-                    // It would leave its state of rest only by rounding.
+                    // The joint would start to move only by rounding.
                     state.copy_from(&self.start);
                     self.contacts.locked[joint] = true;
                 }
@@ -178,8 +179,9 @@ impl Stepper {
         state.time = end_time;
     }
 
-    /// Advances by `piece`, or by a half, a quarter, ... of it that is accurate. Returns the piece that was taken and the error of
-    /// the energy balance relative to the largest. `attempts` counts the divisions in the step of `dt`, of which `left` is left.
+    /// Advances by `piece`, or by the largest of its halves, quarters, ... that is accurate. Returns the piece taken
+    /// and the error of the energy balance relative to the largest accepted one. `attempts` counts the divisions in the
+    /// step of `dt`, of which `left` remains.
     fn advance_divided(
         &mut self,
         (mut piece, left, dt): (f64, f64, f64),
@@ -202,14 +204,14 @@ impl Stepper {
         (piece, error)
     }
 
-    /// A piece of the step from `self.start`; whether it has converged.
+    /// Computes a piece of the step from `self.start`; returns whether it has converged.
     fn advance(&mut self, piece: f64, acting: &mut Acting) -> bool {
         self.collocation
             .step(&self.start, piece, &mut self.contacts, acting)
     }
 
-    /// [`Self::advance`]; returns the error of the energy balance relative to the largest. Infinite if the piece has not
-    /// converged.
+    /// [`Self::advance`], but returns the error of the energy balance relative to the largest accepted one; infinite if
+    /// the piece has not converged.
     fn advance_accurately(&mut self, piece: f64, acting: &mut Acting) -> f64 {
         if !self.advance(piece, acting) {
             return f64::INFINITY;
@@ -218,7 +220,7 @@ impl Stepper {
         error / ENERGY_ERROR[usize::from(self.collocation.order() > 4)]
     }
 
-    /// How far the next event is past at the end of a piece.
+    /// The event that is exceeded most at the end of a piece, as [`Contacts::furthest`].
     fn past(&mut self, piece: f64, acting: &mut Acting) -> (usize, Event, f64) {
         self.advance(piece, acting);
         self.past_at_end(acting)
@@ -234,8 +236,8 @@ impl Stepper {
             .furthest(&end.state, is_held.then_some(&end.holding))
     }
 
-    /// The first event within a piece that has been integrated: its time from the start of the piece, and its joint. The
-    /// integration then ends there.
+    /// The first event within a piece that has been integrated: its time from the start of the piece, its joint, and
+    /// its type. Afterwards the integrated piece ends at the event.
     fn find_event(
         &mut self,
         piece: f64,
@@ -267,8 +269,8 @@ impl Stepper {
             0.0
         };
         if found.2 <= 0.0 {
-            // The states in between are less accurate than those at the end of a piece: there was no event. The piece ends
-            // here, and the next one begins.
+            // The states at the nodes are less accurate than those at the end of a piece: there was no event. The piece
+            // ends here, and the next one begins.
             let _ = self.past(after, acting);
             return Some((after, found.0, Event::Release));
         }

@@ -1,7 +1,8 @@
-//! The recursions from body to body, TR-942 section 2.3.4, in world axes.
+//! The recursions from body to body of TR-942 section 2.3.4, in world axes.
 //!
-//! A body's reference point is its hinge `h`: the origin of its frame. Where the report has `r̂`, the code has the first
-//! moment `m̂ r̂`, so that no division fails for a body without mass (the part between the two freedoms of one hinge).
+//! A body's reference point is its hinge `h`: the origin of its frame. Where the report uses `r̂`, the code uses the
+//! first moment `m̂ r̂`, so that no division fails for a body without mass (the part between the two freedoms of one
+//! hinge).
 
 use nalgebra::{Matrix3, Rotation3, Unit, UnitQuaternion, Vector3};
 
@@ -30,7 +31,7 @@ pub(super) struct KaneBody {
     pub(super) velocity: Twist,
     /// `a_k`, `α_k` of eq. (2.3.9): acceleration while the generalized speeds are constant.
     pub(super) bias: Twist,
-    /// Mass of the outer set: the body and all bodies outward of it. The fields below are of the outer set too.
+    /// Mass of the outer set: the body and all bodies outward of it. The following fields are also of the outer set.
     pub(super) mass_hat: f64,
     /// `m̂ r̂`.
     pub(super) moment_hat: Vector3<f64>,

@@ -8,12 +8,12 @@ use super::matching::ConstraintMatching;
 use crate::model::Model;
 use crate::spatial::{Pose, Twist, Wrench};
 
-/// A hinge at which a loop is cut. It connects two bodies of the tree, and the unknowns are its constraint forces instead
-/// of its motion.
+/// A hinge at which a loop is cut. It connects two bodies of the tree; its constraint forces are unknowns instead of
+/// its motion.
 ///
-/// The constrained directions are axes of the hinge frame `H` on body `k`. A pin is all three translations and
-/// the two rotations across its axis; in a mechanism that only moves in a plane, the two translations in
-/// that plane (the other constraints are satisfied already, and repeating them leaves the forces undetermined).
+/// The constrained directions are axes of the hinge frame `H` on body `k`. A pin constrains all three translations and
+/// the two rotations across its axis; in a planar mechanism, only the two translations in the plane (the other
+/// constraints are satisfied already, and repeating them leaves the forces undetermined).
 #[derive(Debug, Clone, PartialEq)]
 pub struct CutHinge {
     /// Body `k`, which carries the constrained directions.
@@ -22,11 +22,12 @@ pub struct CutHinge {
     pub X_KH: Pose,
     /// Body `l`.
     pub body_l: usize,
-    /// Pose of the hinge frame in body `l`. Closed, it coincides with the other up to the free directions.
+    /// Pose of the hinge frame in body `l`. In a closed loop, it coincides with the other frame up to the free
+    /// directions.
     pub X_LH: Pose,
     /// Whether translations along the axes x, y, z of `H` are constrained (`x_kp`).
     pub translations: [bool; 3],
-    /// Whether rotations about them are (`y_kp`).
+    /// Whether rotations about the axes x, y, z of `H` are constrained (`y_kp`).
     pub rotations: [bool; 3],
 }
 
@@ -36,7 +37,7 @@ pub(super) struct Cut {
     hinge: CutHinge,
     /// Index of its first column.
     first: usize,
-    /// Hinges between body `k` and the last common body, and between that and body `l`.
+    /// Hinges between body `k` and the last common body, and between the last common body and body `l`.
     k_path: Vec<usize>,
     l_path: Vec<usize>,
 }
@@ -84,12 +85,13 @@ impl Cut {
         directions(&self.hinge.translations).count() + directions(&self.hinge.rotations).count()
     }
 
-    /// Writes its columns of `G = -H` (2.3.43), rows of the hinges from `row` on, and its entries of `Ġᵀ u`:
-    /// (2.3.47), which as printed is that and not `Ḣᵀ u`.
+    /// Writes the cut's columns of `G = -H` (2.3.43), rows of the hinges from `row` on, and its entries of `Ġᵀ u`:
+    /// equation (2.3.47), which as printed is `Ġᵀ u` and not `Ḣᵀ u`.
     ///
     /// With one translation free and another constrained (a slot), (2.3.40) as printed is not sufficient: the point of
     /// body `k` is here the one that coincides with body `l`'s end. With all translations constrained, this is the printed
     /// point. Force and reaction then always act along the same line, so that momentum is conserved even if the loop is
+    /// slightly open.
     /// slightly open.
     pub(super) fn constrain(
         &self,

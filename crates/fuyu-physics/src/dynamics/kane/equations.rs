@@ -55,9 +55,9 @@ impl Kane {
 
     /// `M` (2.3.22), (2.3.32)-(2.3.36) and `-g` (2.3.26), (2.3.37), (2.3.38).
     ///
-    /// Each entry is the partial velocity of one generalized speed times the momentum that another, at unit value, gives
-    /// to its outer set. If the velocity of the system's centre of mass is a generalized speed, that point is at rest in
-    /// the partial velocities of the others, so that the terms of the common motion of all bodies drop out.
+    /// Each entry is the partial velocity of one generalized speed times the momentum of its outer set for a unit value
+    /// of another. If the velocity of the system's centre of mass is a generalized speed, that point is at rest in the
+    /// partial velocities of the others, so that the terms of the common motion of all bodies vanish.
     fn set_equations(&mut self) {
         let first = self.translation_rows();
         let Equations { M, speeds, .. } = &mut self.of_hinges;
@@ -135,7 +135,7 @@ impl Kane {
         let linear = match self.speed {
             BaseSpeed::MainBody => speeds.fixed_rows::<3>(0).into_owned(),
             BaseSpeed::SystemCom => {
-                // The first row of the equations, which the others do not contain.
+                // The first row of the equations of motion, which is not part of the system solved.
                 let mut force = base.force_hat.force - angular.cross(&base.moment_hat);
                 for (body, qdd) in self.bodies[1..].iter().zip(&self.hinges) {
                     force -= body.unit_momentum.force * *qdd;

@@ -1,7 +1,7 @@
 //! Bipartite matching of constraints with hinges.
 
-/// Matching of each constraint with a different hinge among those that move it. If there is one, the constraints' gradients
-/// are independent except in special positions or mechanisms (such as planar ones); otherwise they never are.
+/// Matches each constraint with a different hinge among those that move it. If a matching exists, the constraints'
+/// gradients are independent except in special positions or mechanisms (such as planar ones); otherwise they never are.
 #[derive(Debug)]
 pub(super) struct ConstraintMatching {
     /// Hinges that move each constraint.
@@ -26,7 +26,7 @@ impl ConstraintMatching {
     /// Adds a constraint.
     ///
     /// # Errors
-    /// If there is no matching: the number of hinges that this constraint would share with as many others.
+    /// If there is no matching: the number of hinges that this constraint shares with as many others.
     pub(super) fn add(&mut self, movers: Vec<usize>) -> Result<(), usize> {
         self.movers.push(movers);
         let mut visited = vec![false; self.matched.len()];

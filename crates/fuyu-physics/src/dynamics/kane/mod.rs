@@ -1,7 +1,7 @@
 //! Kane's method, TR-942 section 2.3.
 //!
-//! An independent check of the reduced form of [`Workspace`](super::Workspace): its state has the base's twist instead of
-//! momentum, it solves for all `6 + n` accelerations at once, and it shares no code with the reduced form.
+//! An independent check of the reduced form of [`Workspace`](super::Workspace): its state contains the base's twist
+//! instead of momentum, it solves for all `6 + n` accelerations at once, and it shares no code with the reduced form.
 
 mod bodies;
 mod cut;
@@ -74,7 +74,7 @@ pub struct Kane {
     cuts: Vec<Cut>,
     /// Motion of all hinges.
     expanded: ExpandedMotion,
-    /// Efforts of all hinges; afterwards their accelerations.
+    /// Efforts of all hinges on input, their accelerations on output.
     hinges: Vec<f64>,
     /// Equations with a generalized speed for each hinge.
     of_hinges: Equations,

@@ -13,7 +13,7 @@ use super::vector::other_axes;
 use super::{LinkScratch, Mat3, Scalar, Sym3, Vec3};
 
 impl Body {
-    /// Velocity-product force: the force on the body that its rotation requires while its origin does not accelerate.
+    /// Velocity-product force: the force that the body's rotation requires while its origin does not accelerate.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn centrifugal_force<S: Scalar>(&self, centripetal: Sym3<S>) -> SpatialForce<S> {
         let like = centripetal.off[0];
@@ -21,7 +21,7 @@ impl Body {
         let mut torque = Vec3([like; 3]);
         for i in 0..3 {
             let (j, k) = other_axes(i);
-            // w × I w from the products of w in the tensor.
+            // w × I w, from the products of w in the centripetal tensor.
             torque[i] = centripetal.off[i].times(m.diagonal[k] - m.diagonal[j]);
         }
         if self.inertia_is_non_diagonal {
@@ -86,7 +86,7 @@ impl<S: Scalar> LinkScratch<S> {
         self.w = w;
     }
 
-    /// Initializes the subtree's inertia and force with those of the body alone.
+    /// Initializes the subtree's inertia and force with those of its first body alone.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn start_subtree(&mut self, body: &Body, external: Option<&SpatialForce<S>>) {
         self.centripetal = centripetal_tensor(self.w);
@@ -238,7 +238,7 @@ impl<S: Scalar> LinkScratch<S> {
         (projected, transmitted)
     }
 
-    /// Sets the joint's and the body's acceleration from the parent's; returns the body's.
+    /// Sets the accelerations of joint and body from the parent's acceleration; returns the body's.
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn solve_acceleration(
         &mut self,
@@ -294,9 +294,9 @@ fn subtract_outer_product<S: Scalar>(m: &mut Sym3<S>, u: Vec3<S>, k: Vec3<S>) {
     }
 }
 
-/// Accelerations of a free-floating tree. `links`, one per body, hold positions (with their rotations), rates and efforts
-/// of the joints and the base's angular velocity, and receive the accelerations. `external` are wrenches on the bodies.
-/// Everything is in kernel frames.
+/// Accelerations of a free-floating tree. `links`, one per body, hold joint positions (with their rotations), rates and
+/// efforts and the base's angular velocity, and receive the accelerations. `external` are wrenches on the bodies. All
+/// quantities are in kernel frames.
 ///
 /// # Panics
 /// If a slice is shorter than the tree needs.
@@ -310,7 +310,7 @@ pub fn forward_dynamics<S: Scalar>(
     propagate_acceleration(tree, links, inertia.free_acceleration(force));
 }
 
-/// The part of [`forward_dynamics`] that leads to the base: articulated inertia and bias force of the whole tree.
+/// First part of [`forward_dynamics`]: articulated inertia and bias force of the whole tree, at the base.
 #[cfg_attr(not(debug_assertions), inline(always))]
 pub(crate) fn articulated_tree<S: Scalar>(
     tree: &Tree,
@@ -348,7 +348,7 @@ pub(crate) fn articulated_tree<S: Scalar>(
     subtree
 }
 
-/// The rest of [`forward_dynamics`]: accelerations of joints and bodies from that of the base.
+/// Second part of [`forward_dynamics`]: accelerations of joints and bodies from the base's acceleration.
 #[cfg_attr(not(debug_assertions), inline(always))]
 pub(crate) fn propagate_acceleration<S: Scalar>(
     tree: &Tree,

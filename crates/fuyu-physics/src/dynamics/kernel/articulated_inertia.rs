@@ -4,8 +4,8 @@ use super::joint_transform::{SpatialForce, SpatialMotion, rotate_x_90};
 use super::vector::other_axes;
 use super::{Mat3, PlanarRotation, Scalar, Sym3, Vec3};
 
-/// Articulated-body inertia: the inertia of a body with its subtree, whose joints move freely.
-/// `torque = rotational · angular + coupling · linear`, `force = couplingᵀ · angular + mass · linear`.
+/// Articulated-body inertia: inertia of a body and its subtree with freely moving joints. `torque = rotational ·
+/// angular + coupling · linear`, `force = couplingᵀ · angular + mass · linear`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArticulatedInertia<S> {
     /// Torque per angular acceleration \[kg m²\].
@@ -27,7 +27,7 @@ impl<S: Scalar> ArticulatedInertia<S> {
         }
     }
 
-    /// The same inertia about another point. The present reference point lies at `p`, along one axis, from the new one.
+    /// The same inertia about a new reference point, from which the present one lies at `p`, along one axis.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn shifted<const AXIS: usize>(mut self, p: S) -> Self {
         let (i, (j, k)) = (AXIS, other_axes(AXIS));
@@ -103,7 +103,7 @@ impl<S: Scalar> ArticulatedInertia<S> {
         }
     }
 
-    /// Acceleration of a free body with this inertia, on which `-force` acts.
+    /// Acceleration of a free body with this inertia on which `-force` acts.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn free_acceleration(&self, force: SpatialForce<S>) -> SpatialMotion<S> {
         let (H, inverse) = (self.coupling, self.mass.inverse());

@@ -1,6 +1,6 @@
 //! The base's angular velocity from the system's momentum.
 //!
-//! Masutani 1995 eq. (4.23) without its matrices: one inward sweep sums up composite inertias and the momentum of each
+//! Masutani 1995 eq. (4.23) without its matrices: one inward sweep sums composite inertias and the momentum of each
 //! subtree at the given joint rates with the base at rest. The base's motion accounts for the rest of the momentum.
 //! Neither poses nor a momentum map are needed.
 
@@ -37,7 +37,7 @@ impl<S: Scalar> SubtreeMomentum<S> {
         }
     }
 
-    /// Adds the joint's motion, and transforms to the parent's frame and reference point.
+    /// Adds the momentum of the joint's motion, and transforms to the parent's frame and reference point.
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn to_parent(self, joint: &JointTransform, mass: f64, link: &LinkScratch<S>) -> Self {
         let CompositeInertia {
@@ -69,13 +69,13 @@ impl<S: Scalar> SubtreeMomentum<S> {
         }
     }
 
-    /// Of the whole tree: angular velocity of the base for the system's mass and its angular momentum about its centre
-    /// of mass.
+    /// Angular velocity of the base, if `self` is the whole tree, from the system's mass and its angular momentum about
+    /// its centre of mass.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn base_angular_velocity(self, mass: f64, angular_momentum: Vec3<S>) -> Vec3<S> {
         let (p, inertia) = about_com(self.subtree, mass);
         let SpatialForce { torque, force } = self.momentum;
-        // Subtracting the moment of the linear momentum moves the joints' share to the centre of mass.
+        // Subtracting the moment of the linear momentum refers the joints' angular momentum to the centre of mass.
         let of_base = (angular_momentum - torque) + p.cross(force);
         inertia.inverse().times(of_base)
     }

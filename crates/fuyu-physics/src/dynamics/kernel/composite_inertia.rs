@@ -1,9 +1,9 @@
 //! Composite inertia of a subtree, and its transform towards the base.
 //!
 //! The reference point of a subtree's inertia is not the origin of the frame but the point where the common normal with
-//! the parent's axis meets the joint axis. Everything that a joint transform adds, the parent's own inertia included, is
-//! then precomputed ([`JointTransform::parent_term`]) and added within the rotation. The chain of dependent operations is
-//! one rotation per joint, plus one product for each translation.
+//! the parent's axis meets the joint axis. All constant terms of a joint transform, including the parent's own inertia,
+//! are then precomputed ([`JointTransform::parent_term`]) and added within the rotation. The chain of dependent
+//! operations is one rotation per joint, plus one product for each translation.
 
 use super::joint_transform::{TransformShape, with_shape};
 use super::tree::JointTransform;
@@ -40,7 +40,7 @@ impl<S: Scalar> CompositeInertia<S> {
         }
     }
 
-    /// Row z, the joint's axis, of the moment of inertia about the frame's origin, which lies at `d_from_reference` on
+    /// Row z (the joint axis) of the moment of inertia about the frame's origin, which lies at `d_from_reference` on
     /// that axis.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn axis_row(&self, d_from_reference: f64) -> Vec3<S> {
@@ -60,7 +60,7 @@ impl<S: Scalar> CompositeInertia<S> {
         ArticulatedInertia::rigid(mass, self.first_moment, self.inertia)
     }
 
-    /// Transforms the inertia to the parent's frame and reference point, `parent_term` added.
+    /// Transforms the inertia to the parent's frame and reference point, and adds `parent_term`.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn to_parent(
         self,
@@ -72,7 +72,7 @@ impl<S: Scalar> CompositeInertia<S> {
         with_shape!(joint, shape => shape.inertia_about_parent_reference(joint, rotation, q, mass, self))
     }
 
-    /// The same inertia about a point from which the present reference point lies at `p` along z.
+    /// The same inertia about a new reference point, from which the present one lies at `p` along z.
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn shifted_along_z(mut self, p: S, mass: f64) -> Self {
         let moment = p.times(mass);
@@ -162,8 +162,8 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
     }
 }
 
-/// `J + 2 (p·h) 1 - p hᵀ - h pᵀ` for a `p` along one axis: when an inertia is moved to a point from which its reference
-/// point lies at `p`, these are the terms that contain the first moment `h`.
+/// `J + 2 (p·h) 1 - p hᵀ - h pᵀ` for a `p` along one axis: the terms with the first moment `h` when an inertia is moved
+/// to a point from which its reference point lies at `p`.
 #[cfg_attr(not(debug_assertions), inline(always))]
 fn add_first_moment<S: Scalar, const AXIS: usize>(p: f64, h: Vec3<S>, mut J: Sym3<S>) -> Sym3<S> {
     let (i, (j, k)) = (AXIS, other_axes(AXIS));

@@ -5,7 +5,7 @@ use super::tree::{Body, JointTransform, Tree};
 use super::{LinkScratch, Scalar, Sym3, Vec3};
 
 impl Body {
-    /// Force on the body that its acceleration requires, without the velocity-product force.
+    /// Force that the body's acceleration requires, without the velocity-product force.
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn inertial_force<S: Scalar>(&self, m: &SpatialMotion<S>) -> SpatialForce<S> {
         let like = m.angular[0];
@@ -38,16 +38,16 @@ impl<S: Scalar> LinkScratch<S> {
         *axis = *axis + self.qdd;
     }
 
-    /// Adds the inertial force to that of the subtree.
+    /// Adds the body's inertial force to the force on its subtree.
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn add_inertial_force(&mut self, body: &Body) {
         self.force = self.force.plus(body.inertial_force(&self.acceleration));
     }
 }
 
-/// Joint efforts for given accelerations. `links`, one per body, hold positions (with their rotations), rates and
-/// accelerations of the joints, and angular velocity and acceleration of the base; they receive the total efforts. Returns
-/// the wrench on the base that is needed in addition to the external ones. Everything is in kernel frames.
+/// Joint efforts for given accelerations. `links`, one per body, hold joint positions (with their rotations), rates and
+/// accelerations, and angular velocity and acceleration of the base; they receive the total efforts. Returns the wrench
+/// that the base needs in addition to the external ones. All quantities are in kernel frames.
 ///
 /// # Panics
 /// If a slice is shorter than the tree needs.

@@ -220,7 +220,7 @@ impl JointKinematics {
         }
     }
 
-    /// Positions of the present results; NaN before the first.
+    /// Joint positions of the present results; NaN before the first.
     pub(crate) fn q(&self) -> &[f64] {
         &self.q
     }
@@ -240,7 +240,7 @@ impl JointKinematics {
         }
         let tree_inertia = set_placements(tree, 0.0, self);
         let (mass, base) = (tree.bodies[0].subtree_mass, &self.base);
-        // The same values in all lanes, since each lane computes the columns of one joint.
+        // The same values in all lanes, since each lane computes the columns of another joint.
         let tree_inertia = CompositeInertia {
             first_moment: splat(simd, tree_inertia.first_moment),
             inertia: Sym3 {

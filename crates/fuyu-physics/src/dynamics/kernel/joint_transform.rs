@@ -43,7 +43,7 @@ impl<S: Scalar> SpatialForce<S> {
         }
     }
 
-    /// The same force about another point. The present reference point lies at `p`, along one axis, from the new one.
+    /// The same force about a new reference point, from which the present one lies at `p`, along one axis.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn shifted<const AXIS: usize>(mut self, p: S) -> Self {
         let (j, k) = other_axes(AXIS);
@@ -63,7 +63,7 @@ impl<S: Scalar> SpatialMotion<S> {
         }
     }
 
-    /// The same motion, with the linear part of another point, which lies at `p` along one axis.
+    /// The same motion, with the linear part of another point, at `p` along one axis.
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn shifted<const AXIS: usize>(mut self, p: S) -> Self {
         let (j, k) = other_axes(AXIS);
@@ -85,9 +85,9 @@ fn rotate_x_minus_90<S: Scalar>(v: Vec3<S>) -> Vec3<S> {
     Vec3([v[0], v[2], -v[1]])
 }
 
-/// [`JointTransform::shape`] as compile-time constants, so that the compiler omits operations with zeros: the kind of `alpha`, and
-/// whether there are translations along the joint's axis (`D`) and along the common normal (`A`). `GENERAL` stands for any
-/// transform.
+/// [`JointTransform::shape`] as compile-time constants, so that the compiler omits operations with zeros: the kind of
+/// `alpha`, and whether there are translations along the joint axis (`D`) and along the common normal (`A`). `GENERAL`
+/// stands for any transform.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TransformShape<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>;
 
@@ -266,8 +266,8 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
         }
     }
 
-    /// Transforms a projected inertia from the body's frame to the parent's. Behind a revolute joint it is zero about the
-    /// joint's axis, which saves operations in the first rotation.
+    /// Transforms a projected inertia from the body's frame to the parent's. After a revolute joint the inertia is zero
+    /// about the joint axis, which saves operations in the first rotation.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn inertia_to_parent<S: Scalar, const SLIDES: bool>(
         self,

@@ -1,4 +1,4 @@
-//! Placement of the kernel frames on the bodies: see [`super::tree`].
+//! Placement of the kernel frames on the bodies; definition in [`super::tree`].
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
@@ -14,7 +14,7 @@ pub(super) fn kernel_frames(model: &Model) -> Vec<Pose> {
         let next = (bodies[b].subtree_end > b + 1).then(|| model.tree_joint(b));
         frames[b] = match (own, next) {
             (None, None) => Pose::identity(),
-            // The base is moved by no joint; its z is the axis of the first joint.
+            // No joint moves the base; its z is the axis of the first joint.
             (None, Some(next)) => {
                 let z = next.X_PJ.rotation * next.axis;
                 let p = (next.X_PJ * frames[b + 1]).translation.vector;
@@ -32,10 +32,10 @@ pub(super) fn kernel_frames(model: &Model) -> Vec<Pose> {
                 let (x, along) = if sine < 1e-12 {
                     (p - z * z.dot(&p), z.dot(&p))
                 } else {
-                    // Where the common normal meets this body's axis.
+                    // The point where the common normal meets this body's axis.
                     (normal, normal.dot(&p.cross(&w)) / sine)
                 };
-                // The common normal of nearly parallel axes is far away, which would cost digits.
+                // The common normal of nearly parallel axes is far away, which would cost precision.
                 let size = p.norm() + bodies[b].inertia.com.norm();
                 let along = if along.abs() <= size { along } else { 0.0 };
                 Pose::from_parts(Translation3::from(z * along), axes(&z, &x))

@@ -9,7 +9,7 @@ use super::Scalar;
 /// Numbers per group in memory: as many as the widest registers hold.
 pub const GROUP_SIZE: usize = 8;
 
-/// A group of eight numbers in one cache line: access across two lines would take twice as long.
+/// A group of eight numbers in one cache line: access across two cache lines would take twice as long.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(64))]
 pub struct F64x8(pub [f64; GROUP_SIZE]);
@@ -19,7 +19,7 @@ impl F64x8 {
     pub const ZERO: Self = Self([0.0; GROUP_SIZE]);
 }
 
-/// A SIMD register of `f64`, as wide as the processor has them. Each lane has the same bits as a computation with `f64`.
+/// A SIMD register of `f64`, as wide as the processor's. Each lane is bit-identical to a computation with `f64`.
 #[derive(Debug, Clone, Copy)]
 pub struct Lanes<S: Simd> {
     pub(super) simd: S,

@@ -3,8 +3,8 @@
 use super::articulated_inertia::ArticulatedInertia;
 use super::{Mat3, PlanarRotation, Scalar, SpatialForce, SpatialMotion, Sym3, Vec3};
 
-/// Scratch of one link: a body and the joint that moves it, in the body's kernel frame. Element 0 is the base, which no
-/// joint moves. Aligned so that no wide number crosses a cache line.
+/// Scratch of one link (a body and the joint that moves it), in the body's kernel frame. Element 0 is the base, which
+/// no joint moves. Aligned so that no wide number crosses a cache line.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
 pub struct LinkScratch<S> {
@@ -18,8 +18,8 @@ pub struct LinkScratch<S> {
     pub rotation: PlanarRotation<S>,
     /// Joint acceleration \[rad/s² or m/s²\]: output of forward dynamics, input of inverse dynamics.
     pub qdd: S,
-    /// Acceleration of the body, its linear part that of the frame's origin as a point: an output; for inverse dynamics
-    /// the base's is an input.
+    /// Acceleration of the body; the linear part is that of the frame's origin as a point. An output, except that
+    /// inverse dynamics takes the base's as input.
     pub acceleration: SpatialMotion<S>,
     /// Angular velocity \[rad/s\]; the base's is an input.
     pub w: Vec3<S>,
@@ -31,7 +31,7 @@ pub struct LinkScratch<S> {
     pub(super) force: SpatialForce<S>,
     /// Articulated inertia of the subtree.
     pub(super) inertia: ArticulatedInertia<S>,
-    /// Decrease of the joint acceleration per acceleration of the frame: `U / D` in Featherstone's notation.
+    /// Decrease of the joint acceleration per unit of the frame's acceleration: `U / D` in Featherstone's notation.
     pub(super) gain: SpatialForce<S>,
     /// Joint acceleration if the frame does not accelerate.
     pub(super) free_qdd: S,

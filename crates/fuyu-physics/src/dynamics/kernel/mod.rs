@@ -6,8 +6,8 @@
 //! number of joints, allocate nothing and return no errors: input that is not finite gives results that are not finite.
 //! The number type is any [`Scalar`]: `f64`, SIMD registers of it, or one of the caller's.
 //!
-//! `Workspace`, `ArticulatedBody` and `Batch` are built on these functions, and are the better choice for everyone who
-//! does not need a number type of their own.
+//! `Workspace`, `ArticulatedBody` and `Batch` are built on these functions, and are the better choice for callers that
+//! do not need their own number type.
 
 // Functions are inlined into the dispatched entry points, so that the compiler uses the instructions enabled there. Without
 // optimisation, inlining gives every temporary its own place on the stack, 12 MiB in total: there only the small operations

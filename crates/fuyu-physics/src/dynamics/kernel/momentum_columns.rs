@@ -1,8 +1,8 @@
-//! Columns of the momentum map: the momentum that each joint gives to its subtree.
+//! Columns of the momentum map: the momentum of each joint's subtree at unit joint rate.
 
 use super::{Scalar, Sym3, Vec3};
 
-/// A joint and the subtree that it moves, from which its columns follow. Base axes unless stated otherwise.
+/// A joint and the inertia of its subtree, which determine its columns. Base axes unless stated otherwise.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct JointSubtree<S> {
     /// Axes of the kernel frame of the body that the joint moves.
@@ -59,8 +59,8 @@ impl<S: Scalar> MomentumColumn<S> {
         }
     }
 
-    /// Adds `ratio` times the columns of another joint. Of the sum, `angular_momentum` has no meaning: each joint's is about
-    /// another point.
+    /// Adds `ratio` times the columns of another joint. In the sum, `angular_momentum` has no meaning: each joint's is
+    /// about another point.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn add_scaled(&mut self, joint: &Self, ratio: S) {
         self.angular_momentum = joint.angular_momentum.mul_add(ratio, self.angular_momentum);
@@ -70,7 +70,7 @@ impl<S: Scalar> MomentumColumn<S> {
         self.H_A = joint.H_A.mul_add(ratio, self.H_A);
     }
 
-    /// The columns of a joint, from its subtree; `inverse_mass` is that of the whole tree.
+    /// The columns of a joint, from its subtree; `inverse_mass` is the inverse mass of the whole tree.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn new(
         subtree: &JointSubtree<S>,

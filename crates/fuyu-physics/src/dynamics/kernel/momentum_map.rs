@@ -1,8 +1,8 @@
 //! Poses, composite inertias, momentum map and generalized Jacobian, linear in the number of joints.
 //!
-//! Masutani 1995 eqs. (4.9)-(4.26), (4.36), (4.37), which App. G computes with matrices. Composite inertias are summed in
-//! link frames. There the momentum that a joint gives to its subtree is a row of the composite inertia and costs no
-//! arithmetic; only these rows are rotated to base axes.
+//! Masutani 1995 eqs. (4.9)-(4.26), (4.36), (4.37), which App. G computes with matrices. Composite inertias are summed
+//! in link frames, where the momentum of a joint's subtree is a row of the composite inertia and costs no arithmetic;
+//! only these rows are rotated to base axes.
 
 use super::composite_inertia::CompositeInertia;
 use super::joint_transform::{TransformShape, with_shape};
@@ -11,8 +11,8 @@ use super::tree::{ALPHA_RIGHT_ANGLE, ALPHA_ZERO, JointTransform, Tree};
 use super::vector::other_axes;
 use super::{PlanarRotation, Scalar, Sym3, Vec3};
 
-/// Placement of a link (a body and the joint that moves it) in the base frame B, and the inertia of its subtree. Scratch
-/// of [`momentum_map`], one element per body.
+/// Placement of a link (a body and the joint that moves it) in the base frame B, and the inertia of its subtree.
+/// Scratch of [`momentum_map`], one element per body.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
 pub struct LinkPlacement<S> {
@@ -42,7 +42,7 @@ pub(super) trait LinkPlacements<S> {
     fn pose(&self, body: usize) -> KernelPose<S>;
     /// Sets the pose of a body's kernel frame.
     fn set_pose(&mut self, body: usize, pose: KernelPose<S>);
-    /// Sets the entries of a subtree's inertia from which the joint's columns follow.
+    /// Sets the entries of a subtree's inertia that determine the joint's columns.
     fn set_joint_terms(&mut self, body: usize, first_moment_xy: [S; 2], inertia_z: Vec3<S>);
     /// Partial sum of a subtree's inertia.
     fn subtree(&self, body: usize) -> CompositeInertia<S>;
@@ -69,7 +69,7 @@ pub(super) struct KernelPose<S> {
 }
 
 impl<S: Scalar> KernelPose<S> {
-    /// Pose of the base.
+    /// Pose of the base's kernel frame.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn base_motion(tree: &Tree, like: S) -> Self {
         let R_BK = tree.base_axes().matrix();
@@ -213,8 +213,8 @@ fn rotate_axes<S: Scalar>(
     )
 }
 
-/// Computes poses and composite inertias. `placements` hold positions and rotations. Returns the inertia of the whole tree
-/// about the base's origin, in the axes of its kernel frame.
+/// Computes poses and composite inertias. `placements` hold joint positions and rotations. Returns the inertia of the
+/// whole tree about the base's origin, in the axes of the base's kernel frame.
 #[cfg_attr(not(debug_assertions), inline(always))]
 pub(super) fn set_placements<S: Scalar>(
     tree: &Tree,
@@ -266,7 +266,7 @@ pub(super) fn set_placements<S: Scalar>(
     subtree
 }
 
-/// Computes poses, composite inertias and momentum map. `placements`, one per body, hold positions and rotations;
+/// Computes poses, composite inertias and momentum map. `placements`, one per body, hold joint positions and rotations;
 /// `columns`, one per joint, receive the map.
 ///
 /// # Panics
@@ -305,7 +305,7 @@ pub fn momentum_map<S: Scalar>(
 }
 
 impl<S: Scalar> SystemInertia<S> {
-    /// From the inertia about the base's origin, and the total mass.
+    /// System inertia from the tree's inertia about the base's origin, and the total mass.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn new(tree_inertia: CompositeInertia<S>, base: &KernelPose<S>, mass: f64) -> Self {
         let (p, J) = about_com(tree_inertia, mass);
@@ -335,7 +335,7 @@ pub(super) fn about_com<S: Scalar>(
     (p, J)
 }
 
-/// Rotates a tensor from a frame with these axes to the axes in which they are given.
+/// Rotates a tensor from a frame with the given axes to the axes in which these are expressed.
 #[cfg_attr(not(debug_assertions), inline(always))]
 fn rotated<S: Scalar>(m: Sym3<S>, axes: &[Vec3<S>; 3]) -> Sym3<S> {
     let [x, y, z] = *axes;

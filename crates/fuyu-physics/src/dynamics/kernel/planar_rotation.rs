@@ -1,13 +1,13 @@
-//! Rotation about a coordinate axis, which costs less than a general one.
+//! Rotation about a coordinate axis, which is cheaper than a general rotation.
 
 use pulp::Simd;
 
 use super::vector::other_axes;
 use super::{F64x8, GROUP_SIZE, Lanes, Mat3, Scalar, Sym3, Vec3};
 
-/// Rotation `R_AB` by an angle about a coordinate axis, with the products that tensors need. `apply` takes components in
-/// B to components in A, `apply_inverse` the reverse. The axis is the const parameter of the methods: 0 is x, 1 is y,
-/// 2 is z.
+/// Rotation `R_AB` by an angle about a coordinate axis, with the products that tensors need. `apply` transforms
+/// components in B to components in A, `apply_inverse` the reverse. The axis is the const parameter of the methods: 0
+/// is x, 1 is y, 2 is z.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanarRotation<S> {
     /// Cosine of the angle.
@@ -72,13 +72,13 @@ impl<S: Scalar> PlanarRotation<S> {
         rotated
     }
 
-    /// Components in A of the symmetric tensor whose components in B are `m`, if its entries off the diagonal in the
-    /// axis's row are zero (that row is not changed).
+    /// Components in A of the symmetric tensor whose components in B are `m`, if the off-diagonal entries in the axis's
+    /// row are zero (that row is not changed).
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn rotate_sym_in_plane<const AXIS: usize>(&self, m: Sym3<S>) -> Sym3<S> {
         let (j, k) = other_axes(AXIS);
         let (difference, off) = (m.diagonal[j] - m.diagonal[k], m.off[AXIS]);
-        // The trace stays, so one number corrects both entries of the diagonal.
+        // The trace is invariant, so one number corrects both diagonal entries.
         let change = self.sin_sin.mul_add(difference, self.sin_twice * off);
         let mut rotated = m;
         rotated.diagonal[j] = m.diagonal[j] - change;

@@ -11,7 +11,7 @@ pub struct Quat<S> {
     pub v: Vec3<S>,
 }
 
-/// Up to this square of the rotation angle \[rad²\] the series below are exact to rounding.
+/// Largest squared rotation angle \[rad²\] for which the series below are exact to rounding.
 pub const SERIES_LIMIT: f64 = 0.25;
 
 /// `cos(θ/2)` by powers of `-θ²`: `1 / (4ᵏ (2k)!)`.
@@ -91,7 +91,7 @@ mod tests {
     use crate::spatial::{exp_so3, rotation_vector_rate};
     use nalgebra::Vector3;
 
-    /// Catches a wrong coefficient, sign or order of products, and a series that is too short.
+    /// Fails for a wrong coefficient, sign or order of products, and for a series that is too short.
     #[test]
     fn series_agree_with_the_closed_forms() {
         let w = Vector3::new(0.3, -2.0, 1.1);

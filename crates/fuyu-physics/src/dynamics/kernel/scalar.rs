@@ -2,16 +2,16 @@
 
 use std::ops::{Add, Mul, Neg, Sub};
 
-/// A number type for the kernels: `f64`, SIMD registers of it, or a type that counts operations or has more
-/// digits. It has only the operations that the recursions need.
+/// A number type for the kernels: `f64`, SIMD registers of it, or a type that counts operations or has higher
+/// precision. It needs only the operations of the recursions.
 ///
-/// `f64` uses fused multiply-add (one rounding) on every machine, so that results do not depend on it. Without the
-/// instruction, the compiler inserts a slow function call. Call kernels inside [`pulp::Arch::dispatch`], which enables the
-/// instruction where the processor has it.
+/// `f64` uses fused multiply-add (one rounding) on every machine, so that results are the same everywhere. Without the
+/// instruction, the compiler inserts a slow function call. Call kernels inside [`pulp::Arch::dispatch`], which enables
+/// the instruction where the processor has it.
 pub trait Scalar:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
 {
-    /// `value` as a number of the same kind as `self`, whose own value is not used.
+    /// `value` as a number of the same kind as `self`; the value of `self` is ignored.
     fn constant(self, value: f64) -> Self;
 
     /// `1 / self`.

@@ -6,10 +6,10 @@ use pulp::Simd;
 
 use super::{F64x8, Lanes, Scalar};
 
-/// Larger angles use the standard library: the number of quarter turns would not be exact.
+/// Largest angle for which the number of quarter turns is exact; larger ones use the standard library.
 const MAX_ANGLE: f64 = 1e5;
 
-/// π/2 as a sum of two numbers: with fused multiply-add, this is enough for angles within the range.
+/// π/2 as a sum of two numbers: with fused multiply-add, two suffice for angles within the range.
 const HALF_PI: [f64; 2] = [FRAC_PI_2, 6.123_233_995_736_766e-17];
 
 /// Minimax polynomials on ±π/4 (Sun's fdlibm): `sin x = x + x³ S(x²)`, `cos x = 1 - x²/2 + x⁴ C(x²)`.
@@ -134,7 +134,7 @@ mod tests {
         }
     }
 
-    /// Catches a wrong digit of a polynomial or of π/2, a wrong quadrant, and a SIMD width with different results.
+    /// Fails for a wrong digit of a polynomial or of π/2, a wrong quadrant, and a SIMD width with different results.
     #[test]
     fn all_quadrants_agree_with_the_standard_library() {
         let mut angle = -1.0e5;

@@ -1,4 +1,4 @@
-//! A model compiled into the frames of the kernels.
+//! A model compiled into kernel frames.
 //!
 //! Each body has a kernel frame K in addition to its URDF frame B: z along the axis of the joint that moves the
 //! body, x along the common normal with the axis of the next body, origin on the axis. The transform between
@@ -82,10 +82,10 @@ pub(crate) struct JointTransform {
     pub theta_0: [f64; 2],
     /// Whether `theta_0` is zero.
     pub theta_0_is_zero: bool,
-    /// Whether the parent is the body before this one in [`Tree::outward`]: sweeps then keep its results in registers,
-    /// since storing and loading them takes longer than an addition.
+    /// Whether the parent is the previous body in [`Tree::outward`]: sweeps then keep its results in registers, since
+    /// storing and loading them takes longer than an addition.
     pub parent_is_previous: bool,
-    /// The body before this one in [`Tree::outward`].
+    /// The previous body in [`Tree::outward`].
     pub previous: usize,
     /// Translation after `gamma` and before `d` \[m\]: the link length `a` along x; y and z are zero except at branches
     /// and between nearly parallel axes.
@@ -99,13 +99,13 @@ pub(crate) struct JointTransform {
     /// The body's reference point from the parent's reference point (of a prismatic joint at `d + q = 0`), in the
     /// parent's axes \[m\].
     pub p_reference: [f64; 3],
-    /// Precomputed parent term: the part of the parent's composite inertia that does not depend on positions, which is
-    /// the subtree as a point mass at its reference point and, if `adds_parent_inertia`, the parent's own inertia.
-    /// About the parent's reference point. Attention: the first moment is in the parent's axes, the moment of inertia in those after
-    /// `Rz(gamma) Rx(alpha)`, which are K's but for `theta`.
+    /// Precomputed parent term: the part of the parent's composite inertia that does not depend on positions. It is the
+    /// subtree as a point mass at its reference point and, if `adds_parent_inertia`, the parent's own inertia, both
+    /// about the parent's reference point. Note: the first moment is in the parent's axes, the moment of inertia in
+    /// those after `Rz(gamma) Rx(alpha)`, which differ from K's by `theta` only.
     pub parent_term: SpatialInertia,
-    /// Whether `parent_term` contains the parent's own inertia. This is so for the parent's last child, which inward
-    /// sweeps visit before its siblings.
+    /// Whether `parent_term` contains the parent's own inertia: true for the parent's last child, which inward sweeps
+    /// visit before its siblings.
     pub adds_parent_inertia: bool,
     /// Viscous damping \[N m s/rad or N s/m\].
     pub damping: f64,
@@ -212,12 +212,12 @@ impl Tree {
         }
     }
 
-    /// The compiled form of `model` that all its users share.
+    /// The compiled form of `model`, shared by all users.
     pub(crate) fn shared(model: &Model) -> Arc<Self> {
         model.compiled(Self::new)
     }
 
-    /// Number of joints, mimic joints included ([`Model::tree_joints`]): to the kernels they are joints like all others.
+    /// Number of joints, including mimic joints ([`Model::tree_joints`]), which the kernels treat like all others.
     pub fn dof(&self) -> usize {
         self.joints.len()
     }
@@ -300,8 +300,8 @@ impl Tree {
         }
     }
 
-    /// Writes external wrenches, one per body in its URDF frame, to `external` in kernel frames. Returns whether any of
-    /// them is not zero; if none is, `external` stays as it is.
+    /// Transforms external wrenches, one per body in its URDF frame, to kernel frames. Returns whether any is not zero;
+    /// if none is, `external` does not change.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn set_external_forces(
         &self,
@@ -335,7 +335,7 @@ impl Tree {
     }
 }
 
-/// Sets entries to zero that differ from it only by the rounding of a change of axes.
+/// Replaces entries that are rounding errors of a change of axes by zero.
 fn without_rounding(mut inertia: SpatialInertia) -> SpatialInertia {
     let moment = inertia.about_origin.diagonal.amax();
     let first = (moment * inertia.mass).sqrt();
@@ -347,8 +347,8 @@ fn without_rounding(mut inertia: SpatialInertia) -> SpatialInertia {
 }
 
 impl JointTransform {
-    /// `X_LP` is the parent's kernel frame P in its link frame L, in which the description gives the joint frame; `X_BK` is the kernel
-    /// frame of the body that it moves in that body's frame.
+    /// `X_LP` is the parent's kernel frame P in its link frame L, in which the description gives the joint frame;
+    /// `X_BK` is the kernel frame of the moved body in that body's frame.
     fn new(joint: &Joint, parent: usize, X_LP: &Pose, X_BK: &Pose) -> Self {
         let X_PK = X_LP.inverse() * joint.X_PJ * X_BK;
         let R = X_PK.rotation.matrix();

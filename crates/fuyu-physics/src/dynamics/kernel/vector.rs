@@ -1,7 +1,7 @@
 //! Vectors and 3 × 3 matrices of any [`Scalar`].
 //!
-//! Here and in all kernels, numbers are not passed through closures (no `map` over arrays): a closure that the compiler
-//! does not inline is compiled without the SIMD instructions of the kernel around it, and each operation in it becomes a
+//! Here and in all kernels, numbers are not passed through closures (no `map` over arrays): a closure that is not
+//! inlined is compiled without the SIMD instructions of the surrounding kernel, and each operation in it becomes a
 //! function call.
 
 use std::ops::{Add, Index, IndexMut, Neg, Sub};
@@ -18,7 +18,7 @@ pub struct Vec3<S>(pub [S; 3]);
 pub struct Sym3<S> {
     /// Diagonal `xx, yy, zz`.
     pub diagonal: [S; 3],
-    /// Off the diagonal `yz, xz, xy`: entry `k` lies in neither row nor column `k`.
+    /// Off-diagonal entries `yz, xz, xy`: entry `k` lies in neither row nor column `k`.
     pub off: [S; 3],
 }
 

@@ -4,21 +4,20 @@ use super::constraints::scale;
 use super::{Direction, LoopError, Loops};
 use crate::dynamics::{State, Workspace, checks};
 
-/// A loop is closed when its gap is below this, relative to the size of the mechanism.
+/// A loop is closed if its gap is below this, relative to the size of the mechanism.
 const CLOSED: f64 = 1e-12;
 
-/// Projections before assembly fails; each is several steps of Newton's method.
+/// Largest number of projections before assembly fails; each is several steps of Newton's method.
 const ATTEMPTS: usize = 20;
 
-/// Distance at which to look for a state that is not singular \[rad, or m relative to the size of the mechanism\].
+/// Distance at which a state is searched that is not singular \[rad, or m relative to the size of the mechanism\].
 const NEARBY: f64 = 1e-2;
 
 impl Loops {
-    /// Moves positions and rates of a state that closes the loops approximately onto the constraints, and determines the
-    /// number of independent constraints. Closes gaps up to `tolerance` \[m and rad\] and removes rates across the
-    /// constraints up to `tolerance` \[m/s and rad/s\]. Centre of mass and momentum do not change; to start from a pose
-    /// of the base, set it afterwards
-    /// ([`State::set_base`](crate::dynamics::State::set_base)).
+    /// Moves positions and rates of a state that closes the loops approximately onto the constraints, and determines
+    /// the number of independent constraints. Closes gaps up to `tolerance` \[m and rad\] and removes rates across the
+    /// constraints up to `tolerance` \[m/s and rad/s\]. Centre of mass and momentum do not change; to prescribe the
+    /// pose of the base, set it afterwards ([`State::set_base`](crate::dynamics::State::set_base)).
     ///
     /// # Errors
     /// [`LoopError`] if a gap or a rate exceeds `tolerance`, if a loop cannot be closed nearby, or if the closures lock all
@@ -74,7 +73,7 @@ impl Loops {
         Ok(())
     }
 
-    /// Projects positions until the loops are closed, and sets the normals as those of a closed state. Returns whether the
+    /// Projects positions until the loops are closed, and sets the normals of the closed state. Returns whether the
     /// loops are closed.
     fn close(&mut self, state: &mut State, workspace: &mut Workspace) -> bool {
         let closed = (0..ATTEMPTS).any(|_| {
@@ -97,8 +96,8 @@ impl Loops {
             .map(|(closure, direction, gap)| (closure.name.clone(), direction, gap))
     }
 
-    /// Determines the rank of the constraints from nearby states, if they depend on each other in this one: if more are
-    /// independent nearby, this state is singular.
+    /// Determines the rank of the constraints from nearby states if they depend on each other at this one: if more
+    /// constraints are independent nearby, this state is singular.
     fn set_rank_from_nearby(&mut self, state: &State, workspace: &mut Workspace) {
         let (n, m) = (self.model.dof(), self.target.len());
         let mut nearby = state.clone();

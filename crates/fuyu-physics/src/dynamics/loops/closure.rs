@@ -44,7 +44,7 @@ impl Direction {
         ("about_z", Self::Yaw),
     ];
 
-    /// Its name.
+    /// Name in parameter files.
     pub fn name(self) -> &'static str {
         Self::NAMES[self as usize].0
     }
@@ -137,7 +137,7 @@ impl LoopClosure {
         (X_AB.translation.vector, X_AB.rotation)
     }
 
-    /// Displacement of B from A in all directions \[m, rad\], the free ones included.
+    /// Displacement of B from A in all directions, including the free ones \[m, rad\].
     pub(super) fn displacement(&self, workspace: &Workspace) -> [f64; 6] {
         let (p, R_AB) = self.relative_pose(workspace);
         let rotation = match self.rotations() {
@@ -167,7 +167,7 @@ impl LoopClosure {
             } else {
                 &mut gap.translation
             };
-            // Comparisons with NaN are false, but it must be kept.
+            // Comparisons with NaN are false, but a NaN must be reported.
             if open > *worst || open.is_nan() {
                 *worst = open;
             }
@@ -250,7 +250,7 @@ impl LoopClosure {
         ]
     }
 
-    /// If a single rotation is constrained: its axis, in A's axes.
+    /// Axis of the constrained rotation in A's axes, if a single rotation is constrained.
     fn rotation_normal(&self, R_AB: &Rotation3<f64>) -> Option<Vector3<f64>> {
         let rotations = self.rotations();
         let mut constrained = (0..3).filter(|&i| rotations[i]);
@@ -264,14 +264,14 @@ impl LoopClosure {
     }
 }
 
-/// Axes of the universal joint that constrains only the rotation about axis `i`, in A's axes: the axis after `i`, fixed in
-/// A, and the one after that, fixed in B.
+/// Axes of the universal joint that constrains only the rotation about axis `i`, in A's axes: the axis after `i`, fixed
+/// in A, and the next one, fixed in B.
 fn universal_axes(R_AB: &Rotation3<f64>, i: usize) -> (Vector3<f64>, Vector3<f64>) {
     let (j, k) = ((i + 1) % 3, (i + 2) % 3);
     (Vector3::ith(j, 1.0), R_AB * Vector3::ith(k, 1.0))
 }
 
-/// Rotation vector, to full precision near the identity, where the trace loses all digits.
+/// Rotation vector with full precision near the identity, where a formula with the trace loses all digits.
 fn rotation_vector(R_AB: &Rotation3<f64>) -> Vector3<f64> {
     let m = R_AB.matrix();
     let skew = Vector3::new(

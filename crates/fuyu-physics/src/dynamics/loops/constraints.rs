@@ -1,4 +1,4 @@
-//! The loop closures of one model: projection onto the constraints, and accelerations.
+//! The loop closures of one model: projection onto the constraints, and constrained accelerations.
 
 use nalgebra::{DMatrix, DVector, Matrix6xX};
 
@@ -10,24 +10,25 @@ use crate::model::Model;
 use crate::spatial::exp_so3;
 
 /// Normals whose remainder is below this fraction of their size are dropped. Gaps are closed to rounding, some 1e-15;
-/// towards a singular state, a vanishing normal loses its direction with the square of this.
+/// near a singular state, the error of a vanishing normal's direction grows with the square of this fraction's inverse.
 const DEPENDENT: f64 = 5e-4;
 
-/// Normals smaller than this number of gaps are dropped: a gap in the positions changes normals by as much.
+/// Normals shorter than this multiple of the gap are dropped: a gap in the positions changes normals by as much as the
+/// gap.
 const GAPS: f64 = 10.0;
 
-/// Normals larger than this are kept, however large the gap is.
+/// Normals longer than this are kept, however large the gap is.
 const INDEPENDENT: f64 = 0.03;
 
 /// Gaps below this, relative to the size of the mechanism, are rounding.
 const CLOSED: f64 = 4e-15;
 
-/// Limit of Newton's method, which doubles the digits in each iteration: more iterations would not converge.
+/// Limit of Newton's iterations, each of which doubles the number of correct digits: more would not help.
 const CORRECTIONS: usize = 8;
 
-/// The loop closures of one model, and their scratch. Part of an
-/// [`Integrator`](crate::dynamics::Integrator) or [`Floating`](crate::dynamics::Floating); by hand:
-/// [`Loops::assemble`] a state, then use [`Loops::accelerations`] instead of those of the workspace.
+/// The loop closures of one model, and their scratch memory. Part of an [`Integrator`](crate::dynamics::Integrator) or
+/// [`Floating`](crate::dynamics::Floating). To use it directly, [`Loops::assemble`] a state, then call
+/// [`Loops::accelerations`] instead of the workspace's.
 #[derive(Debug, Clone)]
 pub struct Loops {
     pub(in crate::dynamics) model: Model,
@@ -47,7 +48,7 @@ pub struct Loops {
     pub(super) normals_at: DVector<f64>,
     /// Gap of the positions before the projection.
     pub(super) gap_before: f64,
-    /// Number of independent constraints wherever the mechanism is not singular.
+    /// Number of independent constraints except at singular states.
     pub(super) rank: usize,
     /// Scratch at singular states; `None` while in use.
     pub(super) nearby: Option<Box<NearbyState>>,
@@ -150,8 +151,8 @@ impl Loops {
         }
     }
 
-    /// Writes the joints' damping as the closed loops leave it: `Πᵀ D Π` with the projection `Π` of joint rates onto the
-    /// constraints, after [`Loops::project`].
+    /// Writes the joints' damping matrix within the closed loops: `Πᵀ D Π` with the projection `Π` of joint rates onto
+    /// the constraints. Call [`Loops::project`] before.
     pub(in crate::dynamics) fn project_damping(&mut self, model: &Model, out: &mut DMatrix<f64>) {
         let n = model.dof();
         out.fill(0.0);
@@ -171,8 +172,8 @@ impl Loops {
         }
     }
 
-    /// Joint accelerations \[rad/s² or m/s²\] under `input` and the constraint forces. `state` must be on the constraints;
-    /// `workspace` must have its positions and motion, and has them on return.
+    /// Joint accelerations \[rad/s² or m/s²\] under `input` and the constraint forces. `state` must be on the
+    /// constraints; `workspace` must hold its positions and motion, and still does afterwards.
     pub fn accelerations(
         &mut self,
         state: &State,
@@ -245,7 +246,7 @@ impl Loops {
             let before = gap;
             gap = self.set_target(workspace);
             if gap > 0.5 * before {
-                // The rest is rounding, or along a dropped normal.
+                // The remaining gap is rounding, or along a dropped normal.
                 break;
             }
         }

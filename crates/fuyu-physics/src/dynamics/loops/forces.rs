@@ -8,12 +8,12 @@ use crate::dynamics::{Input, State, Workspace, checks};
 
 impl Loops {
     /// Constraint force of each closure on frame B (the opposite acts on frame A) in each of
-    /// [`Direction::ALL`](super::Direction::ALL) \[N, N m\], in A's axes and about A's origin; zero in free
-    /// directions. `None` where it is not determined: for rigid bodies, the distribution of a load among
-    /// redundant constraints is not, and in a singular state forces have no limit.
+    /// [`Direction::ALL`](super::Direction::ALL) \[N, N m\], in A's axes and about A's origin; zero in free directions.
+    /// `None` where the force is not determined: for rigid bodies, the distribution of a load among redundant
+    /// constraints is undetermined, and in a singular state forces are unbounded.
     ///
-    /// `state` must be on the constraints, and `workspace` must have its positions and motion. Allocates; meant for output,
-    /// not for every step.
+    /// `state` must be on the constraints, and `workspace` must hold its positions and motion. Allocates; meant for
+    /// output, not for every step.
     pub fn forces(
         &mut self,
         state: &State,

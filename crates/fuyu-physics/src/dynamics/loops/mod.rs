@@ -1,8 +1,8 @@
 //! Closed loops: constraints between bodies of a tree.
 //!
 //! A [`LoopClosure`] constrains two frames of the tree in some directions. [`Loops`] are the closures of one model with
-//! their scratch memory. Constraint forces are internal: they do not change momentum, and act on the joints only, through the
-//! reduced inertia `Ĥ`.
+//! their scratch memory. Constraint forces are internal: they do not change momentum, and act on the joints only,
+//! through the reduced inertia `Ĥ`.
 //!
 //! Constraints may be redundant (a planar loop closed in all six directions, an overconstrained linkage) and may lose rank
 //! in isolated states (a pantograph that passes its stretched state). No matrix that can be singular is inverted: the

@@ -2,10 +2,10 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-/// An orthonormal basis of the constraints' normals in the coordinates `y = Lᵀ q̇` (`Ĥ = L Lᵀ`), in which
-/// kinetic energy is `yᵀy/2`: `L⁻¹ Jᵀ P = Q R` by Gram-Schmidt with pivoting. Taking the largest
-/// remainder first reveals the rank; normals with a remainder below the tolerance depend on those taken before, and are
-/// dropped. No matrix is multiplied by its transpose, so that the relative error is `1e-16 / tolerance`.
+/// An orthonormal basis of the constraints' normals in the coordinates `y = Lᵀ q̇` (`Ĥ = L Lᵀ`), in which kinetic
+/// energy is `yᵀy/2`: `L⁻¹ Jᵀ P = Q R` by Gram-Schmidt with pivoting. Choosing the largest remainder first reveals the
+/// rank; normals with a remainder below the tolerance depend on the chosen ones, and are dropped. No matrix is
+/// multiplied by its transpose, so that the relative error is `1e-16 / tolerance`.
 #[derive(Debug, Clone)]
 pub(super) struct Normals {
     /// `L` in the lower triangle.
@@ -49,8 +49,8 @@ impl Normals {
         self.rank
     }
 
-    /// Sets the basis from the reduced inertia and the constraints' gradients (one per column). Normals whose remainder is
-    /// below `tolerance` times the largest of their closure are dropped.
+    /// Computes the basis from the reduced inertia and the constraints' gradients (one per column). Normals are dropped
+    /// if their remainder is below `tolerance` times the largest normal of their closure.
     pub(super) fn set(&mut self, mass: &DMatrix<f64>, gradients: &DMatrix<f64>, tolerance: f64) {
         self.basis.copy_from(gradients);
         self.rank = 0;
@@ -79,7 +79,7 @@ impl Normals {
                 self.r[(i, k)] += self.orthogonalize(i, k);
             }
             let size = self.basis.column(k).norm();
-            // NaN ends the loop too.
+            // NaN also ends the loop.
             if size.is_nan() || size <= tolerance * self.size_of(k) {
                 break;
             }
@@ -115,7 +115,7 @@ impl Normals {
         let matrix = std::mem::replace(&mut self.factor, DMatrix::zeros(0, 0));
         self.factor = match Cholesky::<f64, Dyn>::new(matrix) {
             Some(cholesky) => cholesky.unpack_dirty(),
-            // Only for positions that are not finite: NaN then appears in every result.
+            // Only for positions that are not finite: NaN then propagates to every result.
             None => DMatrix::from_element(mass.nrows(), mass.ncols(), f64::NAN),
         };
     }

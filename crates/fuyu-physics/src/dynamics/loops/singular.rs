@@ -6,14 +6,14 @@ use super::Loops;
 use crate::dynamics::{Input, State, Workspace};
 use crate::model::Model;
 
-/// Distance of the nearby states \[rad, or m relative to the size of the mechanism\]. The error of the limit is of the fourth
-/// power; at smaller distances normals lose their digits.
+/// Distance of the nearby states \[rad, or m relative to the size of the mechanism\]. The error of the limit grows with
+/// its fourth power; at smaller distances normals lose precision.
 const DISTANCE: f64 = 5e-3;
 
-/// Rates and accelerations below this do not define a direction of motion.
+/// Rates and accelerations below this define no direction of motion.
 const STILL: f64 = 1e-9;
 
-/// Attempts, each at three times the distance of the last.
+/// Number of attempts, each at three times the distance of the previous one.
 const ATTEMPTS: usize = 3;
 
 /// Scratch: a state near the singular one.
@@ -44,12 +44,12 @@ const BOTH_SIDES: [(f64, f64); 4] = [
     (2.0, -1.0 / 6.0),
 ];
 
-/// The same on one side: an extrapolation that is exact for lines.
+/// Positions and weights on one side only: an extrapolation that is exact for lines.
 const AHEAD: [(f64, f64); 2] = [(1.0, 2.0), (2.0, -1.0)];
 
 impl Loops {
-    /// Replaces the rates of `state` by their limit along the motion. This removes also the component across a constraint
-    /// that depends on the others at this state, but not at those before and after it.
+    /// Replaces the rates of `state` by their limit along the motion. This also removes the component across a
+    /// constraint that is dependent at this state only, not before and after it.
     pub(super) fn limit_rates(&mut self, state: &mut State, workspace: &mut Workspace) {
         let rates = |_: &mut Self, there: &State, _: &mut Workspace, out: &mut DVector<f64>| {
             out.copy_from(&there.qd);
@@ -63,9 +63,9 @@ impl Loops {
         }
     }
 
-    /// Replaces `qdd`, which does not satisfy the constraint that depends on the others at `state`, by the limit of the
-    /// accelerations along the motion. The mechanism moves through such a state on a smooth branch, on which acceleration
-    /// is smooth too: it is interpolated from both sides, or, from rest, extrapolated from the side to which the mechanism
+    /// Replaces `qdd`, which violates the constraint that is dependent at `state`, by the limit of the accelerations
+    /// along the motion. The mechanism moves through such a state on a smooth branch with smooth acceleration: the
+    /// acceleration is interpolated from both sides, or, from rest, extrapolated from the side to which the mechanism
     /// starts to move. Without rates and accelerations, `qdd` does not change.
     pub(super) fn limit_accelerations(
         &mut self,
@@ -93,7 +93,7 @@ impl Loops {
         );
         workspace.set_motion(state);
         if let Some(nearby) = &mut self.nearby {
-            // Leaves the workspace with the bias forces at `state`.
+            // Restores the bias forces at `state` in the workspace.
             workspace.accelerations(state, input, &mut nearby.value);
             if found {
                 qdd.copy_from(&nearby.limit);
@@ -112,7 +112,7 @@ impl Loops {
         positions: &[(f64, f64)],
         mut value: impl FnMut(&mut Self, &State, &mut Workspace, &mut DVector<f64>),
     ) -> bool {
-        // Called while projecting a nearby state: do not recurse.
+        // This is called while a nearby state is projected: do not recurse.
         let Some(mut nearby) = self.nearby.take() else {
             return false;
         };

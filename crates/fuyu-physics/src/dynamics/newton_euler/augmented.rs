@@ -11,9 +11,9 @@ impl MatrixMethod {
     /// angular momentum, body axes, then forces in all hinges, then torques, along their axes.
     ///
     /// For inspection and tests: the constraints determine all forces if `A` has full rank. The solution of
-    /// [`MatrixMethod::solve`] satisfies it. Forces act on the outer body, which makes the signs of
-    /// `A_12` and of the rows of `A_21` the opposite of the print's; an angular row has the translation terms
-    /// `d_2` that reciprocity requires.
+    /// [`MatrixMethod::solve`] satisfies `A X = B`. Forces act on the outer body, so the signs of `A_12` and of the
+    /// rows of `A_21` are opposite to the printed ones; an angular row contains the translation terms `d_2` that
+    /// reciprocity requires.
     pub fn augmented(
         &mut self,
         system: &System,

@@ -20,7 +20,7 @@ pub enum Axis {
 }
 
 impl Axis {
-    /// All six, translations first: the order of every array of six.
+    /// All six axes, translations first: the order of every array of six.
     pub const ALL: [Self; 6] = [
         Self::TranslationX,
         Self::TranslationY,
@@ -30,7 +30,7 @@ impl Axis {
         Self::RotationZ,
     ];
 
-    /// Position in every array of six.
+    /// Index in every array of six.
     pub fn index(self) -> usize {
         self as usize
     }
@@ -59,8 +59,8 @@ impl fmt::Display for Axis {
     }
 }
 
-/// Which relative motions a hinge leaves free, the diagonals of `S` and `W` in TR-942 eq. (2.2.5); the
-/// others are constrained, `S̄` and `W̄` of eqs. (2.2.3)-(2.2.4).
+/// The relative motions that a hinge leaves free: the diagonals of `S` and `W` in TR-942 eq. (2.2.5). The others are
+/// constrained, `S̄` and `W̄` of eqs. (2.2.3)-(2.2.4).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Freedom([bool; 6]);
 
@@ -79,13 +79,13 @@ impl Freedom {
     /// All rotations.
     pub const SPHERICAL: Self = Self::UNIVERSAL.and(Axis::RotationZ);
 
-    /// The same with `axis` free too.
+    /// The same freedom with `axis` free too.
     pub const fn and(mut self, axis: Axis) -> Self {
         self.0[axis as usize] = true;
         self
     }
 
-    /// The same with `axis` constrained.
+    /// The same freedom with `axis` constrained.
     pub const fn without(mut self, axis: Axis) -> Self {
         self.0[axis as usize] = false;
         self

@@ -3,7 +3,7 @@
 use super::Axis;
 use crate::spatial::InertiaError;
 
-/// Why a [`super::SystemBuilder`] or a [`super::System`] rejects its input.
+/// Why a [`super::SystemBuilder`] or a [`super::System`] refuses its input.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SystemError {
     /// No bodies.
@@ -54,11 +54,11 @@ pub enum SystemError {
     Value {
         /// The hinge.
         hinge: String,
-        /// Which number.
+        /// Name of the number.
         what: String,
         /// Its value.
         value: f64,
-        /// What would be right.
+        /// The allowed range.
         expected: &'static str,
     },
     /// A property of free axes is given for a constrained one.
@@ -71,7 +71,7 @@ pub enum SystemError {
         /// The property: a spring, a damper or a start value.
         what: &'static str,
     },
-    /// No chain of hinges leads from inertial space to a body.
+    /// No chain of hinges connects a body to inertial space.
     #[error(
         "body `{body}` is joined to nothing: no chain of hinges leads to it from inertial space (a floating body needs a free hinge)"
     )]

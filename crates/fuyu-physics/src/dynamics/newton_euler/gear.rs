@@ -1,9 +1,9 @@
-//! Gears: one free axis of a hinge that follows that of another.
+//! Gears: one free axis of a hinge follows that of another.
 
 use super::Axis;
 use crate::model::Model;
 
-/// The displacement of `follower` is `ratio` times that of `leader`, plus `offset`: a further constraint in addition to those
+/// The displacement of `follower` is `ratio` times that of `leader`, plus `offset`: a constraint in addition to those
 /// of TR-942, with a multiplier that is the effort of the gear on the follower.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Gear {

@@ -40,9 +40,10 @@ impl BodyPlacement {
     }
 }
 
-/// Displacement, rate and directions of one hinge. Along each of its six axes the rate is `n · (v, ω of outer) - m · (v, ω of inner)`
-/// with the columns of [`HingeMotion::outer`] and [`HingeMotion::inner`], and the acceleration the same of
-/// accelerations plus [`HingeMotion::bias`]. The same columns are the wrench of a force along the axis on the bodies.
+/// Displacement, rate and directions of one hinge. Along each of its six axes the rate is `n · (v, ω of outer) - m ·
+/// (v, ω of inner)`, where the columns `n` and `m` are [`HingeMotion::outer`] and [`HingeMotion::inner`]; the
+/// acceleration is the same combination of accelerations plus [`HingeMotion::bias`]. The same columns are the wrenches
+/// of a unit force along the axis on the two bodies.
 #[derive(Debug, Clone)]
 pub(super) struct HingeMotion {
     /// Directions of the axes, world axes.
@@ -67,7 +68,7 @@ impl HingeMotion {
         let M = inner.R * joined.R_BM.to_rotation_matrix().into_inner();
         let N = outer.R * joined.R_BN.to_rotation_matrix().into_inner();
         let (e_m, e_n) = (inner.R * joined.e_inner, outer.R * joined.e_outer);
-        // From M's origin to N's, y of TR-942, and how it changes.
+        // From M's origin to N's (y of TR-942), and its rate.
         let d = (outer.p - inner.p) + (e_n - e_m);
         let dd = (outer.v - inner.v) + outer.w.cross(&e_n) - inner.w.cross(&e_m);
         let centripetal = outer.w.cross(&outer.w.cross(&e_n)) - inner.w.cross(&inner.w.cross(&e_m));
@@ -112,12 +113,13 @@ impl HingeMotion {
         }
     }
 
-    /// Force and torque about its centre of mass that a unit along `axis` exerts on the outer body, world axes.
+    /// Force, and torque about its centre of mass, of a unit force or torque along `axis` on the outer body, world
+    /// axes.
     pub fn outer(&self, axis: Axis) -> (Vector3<f64>, Vector3<f64>) {
         self.unit(axis, &self.arm_outer)
     }
 
-    /// The same for the inner body, on which the opposite acts.
+    /// The same for the inner body; the actual wrench on it is the opposite.
     pub fn inner(&self, axis: Axis) -> (Vector3<f64>, Vector3<f64>) {
         self.unit(axis, &self.arm_inner)
     }
@@ -141,7 +143,7 @@ fn angles(
 ) -> Vector3<f64> {
     let (w, v) = (relative.w, relative.imag());
     let rest = |k: usize| hinge.springs[3 + k].rest;
-    // The equivalent angle within half a period of the rest position.
+    // The equivalent angle within half a period of the spring's rest position.
     let near =
         |angle: f64, rest: f64, period: f64| angle - period * ((angle - rest) / period).round();
     match rotations {
@@ -158,7 +160,7 @@ fn angles(
             } else {
                 tilt
             };
-            // The sign of a quaternion from an assembled start distinguishes two turns.
+            // For an assembled start, the sign of the quaternion distinguishes two turns.
             let period = if closes_loop { TAU } else { 2.0 * TAU };
             angles[a] = near(2.0 * v[a].atan2(w), rest(a), period);
             angles
@@ -201,9 +203,9 @@ impl System {
     /// Displacements of a hinge \[m, rad\] in the order of [`Axis::ALL`]: `y` and `θ` of TR-942; on constrained
     /// axes the error.
     ///
-    /// An angle about a single free axis is unique within two turns of its spring's rest position, if the state
-    /// comes from [`System::assemble`]; within half a turn if the hinge closes a loop or has two free
-    /// rotations. Three free rotations make a rotation vector of at most half a turn.
+    /// An angle about a single free axis is unique within two turns of its spring's rest position, if the state comes
+    /// from [`System::assemble`]; within half a turn if the hinge closes a loop or has two free rotations. Three free
+    /// rotations are a rotation vector of at most half a turn.
     pub fn displacement(&self, state: &[f64], hinge: usize) -> [f64; 6] {
         self.hinge_motion(state, hinge).displacement.into()
     }

@@ -1,4 +1,4 @@
-//! Solution of the equations of all bodies and hinges.
+//! Solution of the equations of motion and constraints of all bodies and hinges.
 
 use nalgebra::{DVector, Vector3};
 
@@ -9,24 +9,24 @@ use super::qr_factorization::QrFactorization;
 use super::{Axis, BodyState, System};
 use crate::spatial::{Twist, Wrench};
 
-/// Constraints with a remainder below this fraction are redundant.
+/// Constraints with a relative remainder below this are redundant.
 const TOLERANCE: f64 = 1e-8;
 
 /// Efforts, driven accelerations and wrenches on a system, in addition to its springs and dampers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Load {
-    /// For each hinge the forces and torques of actuators along its free axes \[N, N m\]; they push the outer
-    /// body forward and the inner one back. Constrained axes ignore theirs.
+    /// For each hinge, the forces and torques of actuators along its axes \[N, N m\]; they act forward on the outer
+    /// body and back on the inner one. Entries of constrained axes are ignored.
     pub efforts: Vec<[f64; 6]>,
-    /// For each hinge the accelerations that its constrained axes are driven with \[m/s², rad/s²\], `α` and `γ` of
-    /// TR-942 eqs. (2.2.3)-(2.2.4); zero holds them. Free axes ignore theirs.
+    /// For each hinge, the prescribed accelerations of its constrained axes \[m/s², rad/s²\], `α` and `γ` of TR-942
+    /// eqs. (2.2.3)-(2.2.4); zero holds them. Entries of free axes are ignored.
     pub driven: Vec<[f64; 6]>,
     /// Force on each body at its centre of mass and torque, body axes: `f_j` and `t_j` of eqs. (2.2.1)-(2.2.2).
     pub wrenches: Vec<Wrench>,
 }
 
 impl Load {
-    /// No load; constrained axes are held.
+    /// Zero load; constrained axes are held.
     pub fn zero(system: &System) -> Self {
         Self {
             efforts: vec![[0.0; 6]; system.hinges.len()],
@@ -49,7 +49,7 @@ pub struct MatrixMethod {
     pub(super) motions: Vec<HingeMotion>,
     /// Constrained axes, hinge by hinge, and their columns' lengths.
     constrained: Vec<(usize, Axis)>,
-    /// Their constraints follow those of the axes.
+    /// The gears, whose constraints follow those of the axes.
     gears: Vec<Gear>,
     lengths: Vec<f64>,
     columns: QrFactorization,
@@ -86,10 +86,10 @@ impl MatrixMethod {
         }
     }
 
-    /// Sets the tolerance below which a constraint counts as redundant: the fraction of its mass-weighted length that is
-    /// independent of the others. The default is 1e-8. A system that passes singular positions needs 1e-5 to 1e-4, more at
-    /// higher speed: within a step loops are slightly open, so that redundant constraints near such a position contradict
-    /// each other. A light body between heavy ones needs less than the square root of the ratio of masses.
+    /// Sets the tolerance below which a constraint is redundant: the fraction of its mass-weighted length that is
+    /// independent of the others. The default is 1e-8. A system that passes singular positions needs 1e-5 to 1e-4, more
+    /// at higher speed: within a step loops are slightly open, so that nearly redundant constraints contradict each
+    /// other. A light body between heavy ones needs less than the square root of the ratio of masses.
     pub fn with_tolerance(mut self, tolerance: f64) -> Self {
         self.tolerance = tolerance;
         self
@@ -103,7 +103,7 @@ impl MatrixMethod {
         self.set_motion(system, state);
         self.set_unconstrained(system, load);
         self.set_right_hand_side(0.0, |motion, i, k| {
-            // Free axes ignore what they are driven with.
+            // Prescribed accelerations of free axes are ignored.
             let is_free = system.hinges[i].freedom.is_free(Axis::ALL[k]);
             (if is_free { 0.0 } else { load.driven[i][k] }) - motion.bias[k]
         });
@@ -259,8 +259,8 @@ impl MatrixMethod {
             .collect()
     }
 
-    /// Sets the right-hand side of the constraints; returns its largest entry. For a gear it is the same combination of
-    /// values as that of the axes in its constraint, plus `offset` times its offset.
+    /// Sets the right-hand side of the constraints; returns its largest entry. The entry of a gear combines the values
+    /// of its two axes as its constraint does, plus `offset` times its offset.
     pub(super) fn set_right_hand_side(
         &mut self,
         offset: f64,

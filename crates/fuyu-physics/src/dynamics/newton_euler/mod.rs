@@ -1,13 +1,14 @@
 //! The matrix method of TR-942 section 2.2: Newton's and Euler's equations of each body, with hinges of 0 to 6 degrees of
 //! freedom between any two bodies, and the forces in the hinges as unknowns.
 //!
-//! A [`System`] is any number of [`Body`]s and [`Hinge`]s, in chains, trees and loops, floating or joined to
-//! inertial space. [`System::assemble`] creates an initial state with 13 numbers per body, and rejects loops that do not
-//! close and redundant constraints. [`MatrixMethod`] gives the state's rates, accelerations, and the
-//! forces and torques in every hinge. Nothing here uses the reduced form of [`super::Workspace`], so that each
-//! checks the other; [`NewtonEuler`] is the method as a formulation for a [`crate::model::Model`].
+//! A [`System`] is any number of [`Body`]s and [`Hinge`]s, in chains, trees and loops, floating or joined to inertial
+//! space. [`System::assemble`] creates an initial state with 13 numbers per body, and refuses loops that do not close
+//! and redundant constraints. [`MatrixMethod`] computes the state's rates, accelerations, and the forces and torques in
+//! every hinge. The method shares no code with the reduced form of [`super::Workspace`], so that each checks the other;
+//! [`NewtonEuler`] is the method as a formulation for a [`crate::model::Model`].
 //!
-//! Integration errors change momentum and constraints; [`MatrixMethod::project`] moves a state back onto the constraints.
+//! Integration errors violate momentum conservation and constraints; [`MatrixMethod::project`] moves a state back onto
+//! the constraints.
 //!
 //! ```
 //! use fuyu_physics::dynamics::newton_euler::{Axis, Freedom, Hinge, INERTIAL, Load, MatrixMethod, Start, SystemBuilder};

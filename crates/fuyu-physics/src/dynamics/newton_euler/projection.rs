@@ -5,14 +5,14 @@ use std::cmp::Ordering;
 use super::{BodyState, MatrixMethod, System};
 use crate::spatial::exp_so3;
 
-/// Limit of iterations; each squares the error.
+/// Limit of the iterations; convergence is quadratic.
 const ITERATIONS: usize = 8;
 
 impl MatrixMethod {
     /// Moves `state` to the nearest one (in the metric of masses and inertias) whose positions and rates satisfy the
-    /// constraints, and normalizes quaternions. Returns the largest remaining gap \[m or rad\]. Called after every step, it
-    /// removes the drift of the constraints. The system's centre of mass and momentum do not change. Not for systems with
-    /// driven axes, which it would return to zero displacement.
+    /// constraints, and normalizes quaternions. Returns the largest remaining gap \[m or rad\]. Called after every
+    /// step, it removes the drift of the constraints. The system's centre of mass and momentum do not change. Not for
+    /// systems with driven axes, which it would return to zero displacement.
     ///
     /// # Panics
     /// If `state` is of another system.
@@ -24,7 +24,7 @@ impl MatrixMethod {
                 &mut gap,
                 self.set_right_hand_side(1.0, |motion, _, k| -motion.displacement[k]),
             );
-            // Stop at rounding: no improvement over the previous iteration.
+            // Stop at rounding: the gap has not become smaller.
             if gap == 0.0 || gap.partial_cmp(&before) != Some(Ordering::Less) {
                 break;
             }

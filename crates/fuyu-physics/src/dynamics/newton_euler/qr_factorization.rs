@@ -1,7 +1,7 @@
 //! QR factorization of the constraints, with column pivoting.
 //!
-//! The Schur complement of the augmented inertia matrix is `GᵀG` with `G = L⁻¹Jᵀ`. Factorizing `G` itself keeps
-//! twice as many digits of the accelerations as factorizing the complement. Pivoting selects columns by their norm, which
+//! The Schur complement of the augmented inertia matrix is `GᵀG` with `G = L⁻¹Jᵀ`. Factorizing `G` itself keeps twice
+//! as many digits of the accelerations as factorizing the complement. Pivoting selects columns by their norm, which
 //! reveals the rank; nalgebra's pivoted QR selects single elements and allocates.
 
 /// `G P = Q R` by Householder reflections with column pivoting, in place.
@@ -11,7 +11,7 @@ pub(super) struct QrFactorization {
     columns: usize,
     /// Column by column: `R` on and above the diagonal, reflection vectors from the diagonal on in `heads`.
     data: Vec<f64>,
-    /// First entry of each reflection vector, whose place in `data` `R`'s diagonal takes, and `2/|v|²`.
+    /// First entry of each reflection vector (its place in `data` is taken by `R`'s diagonal), and `2/|v|²`.
     heads: Vec<(f64, f64)>,
     norms: Vec<f64>,
     pub order: Vec<usize>,
@@ -41,8 +41,8 @@ impl QrFactorization {
         &mut self.data[j * self.rows..(j + 1) * self.rows]
     }
 
-    /// Factorizes the matrix, whose columns must have unit norm. Stops where the remainders of all columns are shorter than
-    /// `tolerance`.
+    /// Factorizes the matrix, whose columns must have unit norm. Stops when the remainders of all columns are shorter
+    /// than `tolerance`.
     pub fn factor(&mut self, tolerance: f64) {
         let (rows, columns) = (self.rows, self.columns);
         self.heads.clear();

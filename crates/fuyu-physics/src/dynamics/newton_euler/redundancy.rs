@@ -4,7 +4,7 @@ use nalgebra::DVector;
 
 use super::{Axis, MatrixMethod, Start, System, SystemError};
 
-/// A column whose remainder is below this depends on those before it.
+/// A column whose remainder is below this depends on the previous ones.
 const DEPENDENT: f64 = 1e-8;
 
 /// A redundant constraint.
@@ -54,7 +54,7 @@ impl System {
     /// Rank of the constraints by orthogonalizing their columns in the order of the hinges.
     fn redundant_constraints(&self, state: &[f64]) -> Vec<Redundant> {
         let columns = MatrixMethod::new(self).constraint_columns(self, state);
-        // Each with its expansion in the columns before it that were kept.
+        // Each kept column, with its expansion in the columns kept before it.
         let mut kept: Vec<(usize, DVector<f64>, Vec<f64>)> = Vec::new();
         let mut redundant = Vec::new();
         for (hinge, axis, column) in columns {

@@ -13,7 +13,7 @@ pub struct Start {
 }
 
 impl Start {
-    /// Everything at zero and at rest.
+    /// All displacements and rates zero.
     pub fn new() -> Self {
         Self::default()
     }
@@ -27,7 +27,7 @@ impl Start {
     }
 }
 
-/// Gaps and rates up to this \[m, rad, m/s, rad/s\] count as closed; for lengths above 1 m, this fraction of them.
+/// Gaps and rates up to this \[m, rad, m/s, rad/s\] count as closed; for lengths above 1 m, the fraction of the length.
 const CLOSED: f64 = 1e-9;
 
 impl System {
@@ -43,8 +43,8 @@ impl System {
         Ok(state)
     }
 
-    /// [`System::assemble`] for a start in a singular position, such as a stretched linkage, where constraints are redundant
-    /// that are not elsewhere. Forces are not determined there. Such a motion needs
+    /// [`System::assemble`] for a start in a singular position, such as a stretched linkage, where constraints are
+    /// redundant that are independent elsewhere. Forces are not determined there. Such a motion needs
     /// [`super::MatrixMethod::with_tolerance`], and [`super::MatrixMethod::project`] after every step.
     ///
     /// # Errors
@@ -113,7 +113,7 @@ impl System {
         Ok(state)
     }
 
-    /// Sets the placement of the outward body of hinge `i` from that of the inward one.
+    /// Computes the placement of the outward body of hinge `i` from that of the inward one.
     fn place(&self, i: usize, x: &[f64; 6], xd: &[f64; 6], placed: &mut [Option<BodyPlacement>]) {
         let joined = &self.joined[i];
         let known = |body: Option<usize>| body.map_or(Some(BodyPlacement::INERTIAL), |b| placed[b]);

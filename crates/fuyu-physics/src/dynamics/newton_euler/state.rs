@@ -10,7 +10,7 @@ use crate::dynamics::Momentum;
 pub struct BodyState {
     /// Centre of mass in the world \[m\].
     pub p_WC: Vector3<f64>,
-    /// Attitude as `w, x, y, z`. Integration does not preserve its length; it is normalized when read as a rotation.
+    /// Attitude as `w, x, y, z`. Integration does not preserve its norm; it is normalized when read as a rotation.
     pub Q_WB: Quaternion<f64>,
     /// Velocity of the centre of mass in the world, body axes \[m/s\].
     pub v_WC_B: Vector3<f64>,
@@ -60,7 +60,7 @@ impl BodyState {
 }
 
 impl System {
-    /// Momentum of all bodies together, world axes, the angular one about the system's centre of mass.
+    /// Momentum of all bodies together, world axes; the angular momentum is about the system's centre of mass.
     pub fn momentum(&self, state: &[f64]) -> Momentum {
         let mass: f64 = self.bodies.iter().map(|b| b.inertia.mass).sum();
         let (mut first, mut linear, mut angular) =
@@ -79,8 +79,8 @@ impl System {
         }
     }
 
-    /// Kinetic energy of all bodies, and the potential energy of the springs \[J\]. With two or three free rotations the
-    /// stored energy is that of the angles that the springs act on.
+    /// Kinetic energy of all bodies, and potential energy of the springs \[J\]. With two or three free rotations the
+    /// potential energy is that of the angles on which the springs act.
     pub fn energy(&self, state: &[f64]) -> (f64, f64) {
         let kinetic = (self.bodies.iter().enumerate()).map(|(b, body)| {
             let (at, inertia) = (BodyState::read(state, b), &body.inertia);

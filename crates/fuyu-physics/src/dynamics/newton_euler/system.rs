@@ -9,7 +9,7 @@ use super::{Axis, Freedom, SystemError};
 use crate::model::Spring;
 use crate::spatial::{InertiaError, Pose, RigidInertia};
 
-/// Name of inertial space in hinges.
+/// Name of inertial space in hinge descriptions.
 pub const INERTIAL: &str = "inertial";
 
 /// A rigid body of a [`System`].
@@ -23,13 +23,12 @@ pub struct Body {
 
 /// A hinge between two bodies, or between inertial space and a body.
 ///
-/// Its frame M is fixed to the inner body and its frame N to the outer; they coincide at zero
-/// displacement. Translations are those of N's origin along M's axes. A single free rotation is about the axis
-/// that the two frames share. Two free rotations are those of a Hooke joint: TR-942 eq. (2.2.4) constrains the
-/// third component of the relative angular velocity along M's axes, which for two free rotations cannot be
-/// integrated to a position; here the third direction is perpendicular to the free two. Three free rotations
-/// are measured by the rotation vector, on whose components springs act; these are conservative if all three are equally
-/// stiff.
+/// Its frame M is fixed to the inner body and its frame N to the outer one; they coincide at zero displacement.
+/// Translations are those of N's origin along M's axes. A single free rotation is about the axis common to the two
+/// frames. Two free rotations are those of a Hooke joint: TR-942 eq. (2.2.4) constrains the third component of the
+/// relative angular velocity along M's axes, which for two free rotations cannot be integrated to a position; here the
+/// third direction is perpendicular to the free two. Three free rotations are measured by the rotation vector, on whose
+/// components springs act; these are conservative if all three are equally stiff.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hinge {
     /// Name, unique among hinges.
@@ -46,7 +45,7 @@ pub struct Hinge {
     pub freedom: Freedom,
     /// Springs on the free axes, `K_s` and `K_w` of eqs. (2.2.20)-(2.2.21) \[N/m, N m/rad\].
     pub springs: [Spring; 6],
-    /// Dampers on the free axes, `D_s` and `D_w` of the same \[N s/m, N m s/rad\].
+    /// Dampers on the free axes, `D_s` and `D_w` of eqs. (2.2.20)-(2.2.21) \[N s/m, N m s/rad\].
     pub damping: [f64; 6],
 }
 
@@ -65,7 +64,7 @@ impl Hinge {
         }
     }
 
-    /// Sets the poses of its frames on the inner and on the outer body.
+    /// Sets the poses of the hinge's frames on the inner and on the outer body.
     pub fn at(mut self, X_BM: Pose, X_BN: Pose) -> Self {
         self.X_BM = X_BM;
         self.X_BN = X_BN;
@@ -143,7 +142,7 @@ pub struct SystemBuilder {
 }
 
 impl SystemBuilder {
-    /// No bodies and hinges yet.
+    /// A builder without bodies and hinges.
     pub fn new() -> Self {
         Self::default()
     }
@@ -163,11 +162,11 @@ impl SystemBuilder {
         self
     }
 
-    /// Checks and compiles.
+    /// Checks and compiles the description.
     ///
     /// # Errors
-    /// [`SystemError`] for bad names, masses, inertias and numbers, springs on constrained axes, and bodies
-    /// to which no hinge leads. [`System::assemble`] checks what depends on positions, such as whether loops close.
+    /// [`SystemError`] for bad names, masses, inertias and numbers, springs on constrained axes, and bodies that no
+    /// hinge connects. [`System::assemble`] checks properties that depend on positions, such as whether loops close.
     pub fn build(&self) -> Result<System, SystemError> {
         if self.bodies.is_empty() {
             return Err(SystemError::NoBodies);
@@ -327,12 +326,12 @@ impl System {
         &self.hinges
     }
 
-    /// Number of the body called `name`.
+    /// Index of the body called `name`.
     pub fn body(&self, name: &str) -> Option<usize> {
         self.bodies.iter().position(|b| b.name == name)
     }
 
-    /// Number of the hinge called `name`.
+    /// Index of the hinge called `name`.
     pub fn hinge(&self, name: &str) -> Option<usize> {
         self.hinges.iter().position(|h| h.name == name)
     }
@@ -347,7 +346,7 @@ impl System {
         13 * self.bodies.len()
     }
 
-    /// Number of constraints, those of mimic joints included.
+    /// Number of constraints, including those of mimic joints.
     pub fn constraints(&self) -> usize {
         let of_hinge = |i| Axis::ALL.into_iter().filter(|a| self.holds(i, *a)).count();
         (0..self.hinges.len()).map(of_hinge).sum::<usize>() + self.gears.len()

@@ -13,13 +13,13 @@ use crate::model::{JointKind, Model};
 use crate::spatial::{Pose, Twist};
 
 impl System {
-    /// The bodies and joints of `model`, springs and dampers included, its base joined to inertial space by a
-    /// free hinge. Hinge 0 is the base's, hinge `j + 1` joint `j` of the tree, which moves along or about the hinge's z
-    /// axis. Mimic joints are further constraints.
+    /// The bodies and joints of `model`, including springs and dampers, with its base joined to inertial space by a
+    /// free hinge. Hinge 0 is the base's; hinge `j + 1` is joint `j` of the tree, which moves along or about the
+    /// hinge's z axis. Mimic joints are additional constraints.
     ///
     /// # Errors
-    /// [`SystemError`] if the model cannot be a system, such as with a body without mass. Moments of inertia may break the
-    /// triangle inequality.
+    /// [`SystemError`] if the matrix method does not support the model, for example because of a body without mass.
+    /// Moments of inertia may violate the triangle inequality.
     pub fn from_model(model: &Model) -> Result<Self, SystemError> {
         compile(model, true)
     }
@@ -38,7 +38,7 @@ fn builder(model: &Model, passive: bool) -> SystemBuilder {
         system.body(&body.name, body.inertia);
     }
     let base = &model.bodies()[0].name;
-    // No joint has an empty name or this one twice: slashes are not in the names of URDF joints.
+    // No joint has this name or an empty one: names of URDF joints contain no slashes.
     system.hinge(Hinge::new("inertial/base", INERTIAL, base, Freedom::FREE));
     for (j, joint) in model.tree_joints().enumerate() {
         let (parent, body) = (model.tree_parent(j), &model.bodies()[j + 1]);
@@ -115,8 +115,8 @@ impl NewtonEuler {
         &self.method
     }
 
-    /// Poses and twists from the base outward, the base frame at the world's origin with its axes; then each
-    /// body's 13 numbers.
+    /// Sets poses and twists from the base outward, with the base frame at the world's origin and along its axes; then
+    /// the 13 numbers of each body.
     fn set_state(&mut self, motion: &TreeMotion) {
         let model = &self.model;
         let TreeMotion { q, qd, .. } = self.expanded.of(model, motion);

@@ -20,14 +20,14 @@ pub struct AdjustOptions {
     pub likelihood: PixelLikelihood,
     /// Largest number of steps.
     pub steps: usize,
-    /// Stop when the predicted or the actual decrease is less than this share of the cost.
+    /// Stops when the predicted or the actual decrease is less than this fraction of the cost.
     pub tolerance: f64,
 }
 
 /// Result of an adjustment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AdjustOutcome {
-    /// Cost of all image residuals, with the priors \[px²\].
+    /// Cost of all image residuals and of the priors \[px²\].
     pub cost: f64,
     /// Steps taken.
     pub steps: usize,
@@ -94,7 +94,7 @@ pub fn adjust<const L: usize, const G: usize, M: PoseModel<L, G>>(
             }
         }
     }
-    // With the prior of the points as they are now.
+    // The prior on the centre of mass, evaluated at the final points.
     let at_end = scene.centre_prior(points).map_or(0.0, |c| c.cost(points));
     Some(AdjustOutcome {
         cost: cost - of_centre(points) + at_end,
@@ -102,14 +102,14 @@ pub fn adjust<const L: usize, const G: usize, M: PoseModel<L, G>>(
     })
 }
 
-/// Normal equations of the common unknowns, with everything else eliminated \[px²\].
+/// Normal equations of the common unknowns after elimination of all others \[px²\].
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReducedNormal<const G: usize> {
-    /// Hessian of the cost, with that of the prior.
+    /// Hessian of the cost, including the prior.
     pub hessian: SMatrix<f64, G, G>,
-    /// Gradient of the cost, with that of the prior.
+    /// Gradient of the cost, including the prior.
     pub gradient: SVector<f64, G>,
-    /// Covariance of each point in units of the residuals' variance; empty if not wanted.
+    /// Covariance of each point in units of the residuals' variance; empty if not requested.
     pub points: Vec<Matrix3<f64>>,
 }
 
@@ -217,8 +217,8 @@ fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
     system.add_common(&weights, &weights.component_mul(&distance));
 }
 
-/// The normal equations of one frame, as a SIMD kernel: adds those of points and couplings to `system` and returns those
-/// of pose and intrinsics.
+/// The normal equations of one frame, as a SIMD kernel: adds the blocks of points and couplings to `system` and returns
+/// the block of pose and intrinsics.
 struct FrameLinearisation<'a, const L: usize, const G: usize> {
     scene: &'a Scene,
     frame: usize,
@@ -243,7 +243,7 @@ impl<const L: usize, const G: usize> WithSimd for FrameLinearisation<'_, L, G> {
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
         let R = *self.pose.R_CB.to_rotation_matrix().matrix();
         let observations = self.scene.frame(self.frame);
-        // J by columns, with r as one more: its dot products are H and g.
+        // Columns of J, and r as one more column: their dot products are H and g.
         let rows = 3 * observations.len();
         let columns = self.columns;
         columns.clear();
@@ -267,7 +267,8 @@ impl<const L: usize, const G: usize> WithSimd for FrameLinearisation<'_, L, G> {
             }
             by_x[(2, 2)] = anchor;
             let by_p = by_x * R;
-            // x = R exp([θ×]) p + t: by θ it is -R [p×], and by_p [p×] has the rows of by_p crossed with p.
+            // x = R exp([θ×]) p + t, so the derivative by θ is -R [p×]; the rows of by_p [p×] are the rows of by_p
+            // crossed with p.
             let mut J = [[0.0; FRAME]; 3];
             for (row, J) in J.iter_mut().enumerate() {
                 let a = Vector3::new(by_p[(row, 0)], by_p[(row, 1)], by_p[(row, 2)]);

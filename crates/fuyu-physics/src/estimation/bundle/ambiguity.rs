@@ -5,8 +5,8 @@
 //! the points' paths distinguish them, but these may be less than the noise. An adjustment may then converge to any
 //! of these motions.
 //!
-//! Hypotheses are tried on some of the frames. What these do not refute, and what is not the motion that is already known, is then
-//! fitted to all frames.
+//! Hypotheses are first fitted to a subset of the frames. Those that the subset does not refute, and that differ from
+//! the motion already known, are then fitted to all frames.
 
 use nalgebra::Vector3;
 
@@ -22,8 +22,9 @@ use super::structure::SolverSettings;
 /// the far side hidden may be ambiguous.)
 pub const UNAMBIGUOUS_TURN: f64 = 3.0;
 
-/// Bodies that are tried: depth (1 stands for a body as deep as it is wide; negative ones are mirrored in depth), and
-/// relative displacement of the points in depth, which leads out of a minimum that the other bodies share.
+/// Bodies that hypotheses start from: depth (1: as deep as wide; negative: mirrored in depth), and displacement of the
+/// points in depth relative to the depth's standard deviation, which differs from point to point. Displaced points can
+/// leave a minimum that the others converge to.
 const BODIES: [(f64, f64); 12] = [
     (1.0, 0.0),
     (-1.0, 0.0),
@@ -45,7 +46,7 @@ const ROUNDS: usize = 3;
 /// Hypotheses are tried on at most about this number of frames, evenly spaced.
 const TRIAL_FRAMES: usize = 100;
 
-/// Width of the cost for the first adjustment of a hypothesis, as a multiple of the noise.
+/// Width of Huber's cost in the first adjustment of a hypothesis, as a multiple of the noise.
 const START_WIDTH: f64 = 60.0;
 
 /// Hypotheses count as equally good unless their sums of squares differ by this many noise variances (five standard
@@ -58,8 +59,8 @@ const SAME_RATE: f64 = 0.2;
 /// Trial fits whose angular velocities differ by less than this share have found the same minimum.
 const SAME_MINIMUM: f64 = 0.01;
 
-/// The best of a fit and its hypotheses, and the angular rate \[rad/s\] of another one that explains the images equally
-/// well, if there is one.
+/// The best of a fit and its hypotheses, and the angular rate \[rad/s\] of a different motion that explains the images
+/// equally well, if there is one.
 pub fn best_hypothesis<const L: usize, const G: usize, M>(
     scene: &mut Scene,
     fit: ModelFit<M>,
@@ -95,7 +96,7 @@ where
     (best.0, other)
 }
 
-/// Mean square of the residuals \[px²\]; outliers count with the width of the inlier gate.
+/// Mean square of the residuals \[px²\]; an outlier counts as a residual at the limit of the inlier gate.
 fn mean_square<M>(fit: &ModelFit<M>, settings: &SolverSettings) -> f64 {
     let Residuals {
         deviation,
@@ -105,7 +106,7 @@ fn mean_square<M>(fit: &ModelFit<M>, settings: &SolverSettings) -> f64 {
     deviation.powi(2) * (1.0 - outliers) + (INLIER_GATE * settings.noise).powi(2) * outliers
 }
 
-/// Fits to all frames that start from `fit` with other depths.
+/// Fits of the hypotheses to all frames, each started from `fit` with other depths.
 fn hypotheses<const L: usize, const G: usize, M>(
     scene: &Scene,
     fit: &ModelFit<M>,
@@ -117,8 +118,8 @@ where
     try_on_some_frames(scene, fit, settings).unwrap_or_else(|| other_depths(scene, fit, settings))
 }
 
-/// [`other_depths`] on [`TRIAL_FRAMES`], then all frames for those that are different from `fit` and not refuted. `None` if there
-/// are not more frames than that, or if those alone do not determine a fit.
+/// Fits of [`other_depths`] to [`TRIAL_FRAMES`] frames, repeated on all frames for those that differ from `fit` and are
+/// not refuted. `None` if the scene has no more frames than that, or if the trial frames alone do not determine a fit.
 fn try_on_some_frames<const L: usize, const G: usize, M>(
     scene: &Scene,
     fit: &ModelFit<M>,
@@ -149,7 +150,7 @@ where
         }
         let is_better = square < least * (1.0 - significant);
         let same = |r: &Vector3<f64>| (rate - r).norm() < SAME_MINIMUM * r.norm();
-        // A better fit counts even at the known rate: the known one has then not converged.
+        // A better fit is kept even if its rate is that of the known fit, which has then not converged.
         let is_known = if is_better {
             rates[1..].iter().any(same)
         } else {
@@ -176,7 +177,7 @@ fn all_inliers(scene: &Scene) -> Scene {
     all
 }
 
-/// Fits to the frames of `scene` that start from `fit` with other depths.
+/// Fits to the frames of `scene`, each started from `fit` with other depths.
 fn other_depths<const L: usize, const G: usize, M>(
     scene: &Scene,
     fit: &ModelFit<M>,

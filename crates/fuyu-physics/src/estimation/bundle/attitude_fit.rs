@@ -17,8 +17,8 @@ const MOST_SAMPLES: usize = 200;
 const MAX_GROWTH: f64 = 2.0;
 const MIN_GROWTH: f64 = 1.1;
 
-/// Ratio of the residual to that of shorter spans above which a fit is wrong, the ratio below which it is right, and the
-/// least residual that counts \[rad\].
+/// A fit is wrong if its residual exceeds that of shorter spans by the first factor, and right below the second factor;
+/// residuals below the third constant \[rad\] count as equal to it.
 const WRONG_RATIO: f64 = 2.5;
 const RIGHT_RATIO: f64 = 1.2;
 const MIN_RESIDUAL: f64 = 2e-4;
@@ -52,14 +52,14 @@ pub struct AttitudeFit {
     pub rms: f64,
     /// Largest distance from the motion's reference time at which it fits \[s\].
     pub span: f64,
-    /// Whether it fits all samples.
+    /// Whether the motion fits all samples.
     pub fits_all: bool,
 }
 
-/// Fits the motion to `samples` (in the order of time), from a start that need only be right near its reference time:
-/// the span that is fitted grows until it contains all samples. Near the separatrix errors grow exponentially; where the
-/// fit becomes worse the span grows more slowly. If no fit contains all samples, returns that of the longest span that
-/// fitted.
+/// Fits the motion to `samples` (in the order of time). The start need only be right near its reference time: the
+/// fitted span grows until it contains all samples. Near the separatrix errors grow exponentially; where the fit
+/// becomes worse, the span grows more slowly. If no fit contains all samples, returns the fit with the longest span
+/// that was right.
 pub fn fit_attitudes(
     start: &FreeMotion,
     samples: &[SegmentAttitude],
@@ -113,7 +113,7 @@ pub fn fit_attitudes(
         worse += usize::from(!current.fits_all);
         if span >= full_span || worse > PATIENCE || current.rms > LOST {
             current.fits_all &= span >= full_span;
-            // A fit to all samples, or the longest one that samples beyond its span have not distorted.
+            // A fit to all samples, or the longest right fit, which samples beyond its span have not distorted.
             return if current.fits_all {
                 Some(current)
             } else {
@@ -159,7 +159,8 @@ fn median_rotation(turns: &[(f64, UnitQuaternion<f64>)]) -> Option<UnitQuaternio
     all.min_by(|a, b| spread(a).total_cmp(&spread(b)))
 }
 
-/// One round of least squares, weighted by the residuals before it; angles below `tolerated` \[rad\] keep full weight.
+/// One iteration of least squares, weighted by the previous residuals; angles below `tolerated` \[rad\] keep full
+/// weight.
 fn improve(fit: AttitudeFit, samples: &[SegmentAttitude], tolerated: f64) -> Option<AttitudeFit> {
     let mut problem = Problem::new(fit, samples);
     let errors: Vec<f64> = (problem.errors().as_ref()?.iter().map(|e| e.norm())).collect();

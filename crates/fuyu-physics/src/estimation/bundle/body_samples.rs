@@ -1,12 +1,13 @@
-//! Samples of the bodies that explain the same images, where these leave the inertia open.
+//! Samples of bodies with different inertia that explain the same images, drawn where the images do not determine the
+//! inertia.
 //!
 //! After a short rotation, or one about nearly one axis, the estimate is one of many bodies, and its linearised
-//! covariance does not describe how differently the others go on rotating. So the fit is repeated for samples (randomized
-//! maximum likelihood: Oliver, He and Reynolds 1996, Conditioning permeability fields to pressure data): each has a mean
-//! of the shape's prior that is drawn from the prior itself, and images and a centre of mass with random errors. If
-//! everything were linear, the samples would be distributed like the posterior of the shape; here each follows its own
-//! images. What is not drawn (errors of the priors of torques, path and camera) is covered by a linearised covariance,
-//! and so are the errors of rounded pixels, which adding more of them would not represent.
+//! covariance does not describe how differently the others go on rotating. So the fit is repeated for samples by randomized
+//! maximum likelihood (Oliver, He and Reynolds 1996, Conditioning permeability fields to pressure data): each sample has its
+//! own prior mean of the inertia's shape, drawn from the prior, and random errors added to the images and to the expected
+//! centre of mass. In a linear problem the samples would be distributed like the posterior of the shape; here each
+//! fits its own images. Errors that are not drawn (priors of torques, path and camera) are covered by a linearised
+//! covariance, and so are rounding errors of pixels, which added noise would not represent.
 //!
 //! After a short rotation, samples start from other shapes and are fitted to the images first, so they are a global search
 //! as well. Minima are compared by their evidence (Laplace's approximation: likelihood times the square root of the
@@ -27,34 +28,35 @@ use super::pose_model::disturbed::Disturbed;
 use super::scene::Scene;
 use crate::estimation::motion_state::OtherMotions;
 
-/// A standard deviation of the shape above which samples are drawn. The norm of a thin plate's shape is 0.9.
+/// Samples are drawn if a standard deviation of the shape exceeds this. The norm of a thin plate's shape is 0.9.
 const OPEN: f64 = 0.15;
 
 /// A rotation by less than this \[rad\] may fit more than one region of shapes, so the samples start in all of them.
 const SHORT: f64 = 3.0;
 
-/// Number of samples after a short rotation, after others, and at least.
+/// Number of samples after a short rotation, after other rotations, and the least number.
 const SAMPLES: usize = 20;
 const AFTER_LONG: usize = 12;
 const LEAST: usize = 8;
 
-/// Number of image points in all samples together that is not exceeded if the samples are more than [`LEAST`].
+/// Largest number of image points in all samples together; only [`LEAST`] samples may exceed it.
 const IMAGE_POINTS: usize = 100_000;
 
 /// Number of image points above which a scene is large, and steps of an adjustment for small and for large ones.
 const LARGE: usize = 4000;
 const STEPS: [usize; 2] = [12, 6];
 
-/// Steps of the adjustment to images with random errors, and of that to rounded pixels.
+/// Steps of the adjustment to images with random errors, and of the adjustment to rounded pixels.
 const STEPS_AFTER_ERRORS: usize = 6;
 const STEPS_AFTER_ROUNDING: [usize; 2] = [6, 4];
 
-/// A drawn shape is replaced this many times at most if no body has it.
+/// Largest number of draws of a shape, until a body can have it.
 const DRAWS: usize = 100;
 
-/// Differences of the logarithm of the evidence. A sample that started far away and is worse than the estimate by more
-/// than [`NOT_FOUND`] has found no minimum. One that is worse than the best by no more than [`AS_GOOD`] has its full
-/// weight, one that is worse by [`NEGLIGIBLE`] more has none. One that is [`BETTER`] than the estimate replaces it.
+/// Differences of the logarithm of the evidence. A sample that started at another shape and is worse than the estimate
+/// by more than [`NOT_FOUND`] has found no minimum. A sample has full weight if it is worse than the best by no more
+/// than [`AS_GOOD`], and none if it is worse by [`NEGLIGIBLE`] more. A sample that is better than the estimate by
+/// [`BETTER`] replaces it.
 const NOT_FOUND: f64 = 4.0;
 const AS_GOOD: f64 = 2.0;
 const BETTER: f64 = 0.5;
@@ -64,7 +66,7 @@ const NEGLIGIBLE: f64 = 7.0;
 struct Sample {
     model: Disturbed,
     points: Vec<Vector3<f64>>,
-    /// Logarithm of its evidence: of the images alone, and with the usual prior of the shape.
+    /// Logarithm of its evidence: without the prior of the shape, and with the nominal prior of the shape (mean zero).
     log_evidence: f64,
     log_posterior: f64,
 }
@@ -74,14 +76,14 @@ struct Sampler<'a> {
     scene: &'a Scene,
     /// Assumed image noise \[px\].
     noise: f64,
-    /// Variance of the image noise, with the factor for errors that last \[px²\].
+    /// Variance of the image noise, including the factor for time-correlated errors \[px²\].
     variance: f64,
     /// Steps of an adjustment.
     steps: usize,
 }
 
 impl Sampler<'_> {
-    /// The body that is found from here, and its evidence.
+    /// Adjusts `model` and `points` and evaluates the evidence.
     fn fitted<const L: usize, const G: usize>(
         &self,
         mut model: Disturbed,
@@ -114,14 +116,14 @@ impl Sampler<'_> {
     }
 }
 
-/// The largest standard deviation of the shape in any direction, for a covariance of the common unknowns.
+/// The largest standard deviation of the shape in any direction, from a covariance of the common unknowns.
 fn widest_of_shape<const G: usize>(covariance: &SMatrix<f64, G, G>) -> f64 {
     let of_shape = covariance.fixed_view::<5, 5>(0, 0).into_owned();
     let eigenvalues = (of_shape + of_shape.transpose()).symmetric_eigenvalues();
     (eigenvalues.max() * 0.5).max(0.0).sqrt()
 }
 
-/// A shape drawn from its prior, and `model` with that shape; `None` if no body has the drawn ones.
+/// A shape drawn from its prior, and `model` with that shape; `None` if no body can have any of the drawn shapes.
 fn drawn_body(model: &Disturbed, rng: &mut StdRng) -> Option<(SVector<f64, 5>, Disturbed)> {
     (0..DRAWS).find_map(|_| {
         let normal = |_, _| rng.sample::<f64, _>(StandardNormal);
@@ -130,13 +132,13 @@ fn drawn_body(model: &Disturbed, rng: &mut StdRng) -> Option<(SVector<f64, 5>, D
     })
 }
 
-/// Samples of the bodies that explain the same images.
+/// Samples of bodies that explain the same images.
 pub struct BodySamples<const L: usize, const G: usize> {
     samples: Vec<Sample>,
-    /// The largest `log_evidence`, and `log_posterior` of the estimate.
+    /// The largest `log_evidence` of the samples and the estimate, and the estimate's `log_posterior`.
     best: f64,
     estimate: f64,
-    /// Variance of the image noise, with the factor for errors that last \[px²\].
+    /// Variance of the image noise, including the factor for time-correlated errors \[px²\].
     variance: f64,
     is_large: bool,
 }
@@ -145,8 +147,8 @@ impl<const L: usize, const G: usize> BodySamples<L, G>
 where
     Disturbed: PoseModel<L, G>,
 {
-    /// Bodies with other expected shapes, if the images leave the shape open; otherwise `None`.
-    /// `noise` is the assumed image noise \[px\].
+    /// Draws samples after a short rotation, or if the images do not determine the shape; otherwise `None`. `noise` is
+    /// the assumed image noise \[px\].
     pub fn draw(scene: &Scene, estimate: &EvaluatedFit<G>, noise: f64) -> Option<Self> {
         let fit = &estimate.fit;
         let is_short = fit.motion.turn() < SHORT;
@@ -195,7 +197,7 @@ where
         })
     }
 
-    /// The sample with the largest evidence if that is larger than the estimate's, with the usual prior, and its points.
+    /// The sample with the largest posterior, and its points, if it is more probable than the estimate.
     pub fn more_probable(&self) -> Option<(Disturbed, Vec<Vector3<f64>>)> {
         let best =
             (self.samples.iter()).max_by(|a, b| a.log_posterior.total_cmp(&b.log_posterior))?;
@@ -203,8 +205,8 @@ where
         (best.log_posterior > self.estimate + BETTER).then(|| (model, best.points.clone()))
     }
 
-    /// Motions of the samples at the last frame, for an estimate with this `covariance` of its common unknowns that maximises
-    /// `likelihood`.
+    /// Motions of the samples at the last frame. `covariance` is that of the common unknowns of `estimate`, which
+    /// maximises `likelihood`.
     pub fn motions(
         &self,
         scene: &Scene,
@@ -226,8 +228,9 @@ where
         for (weight, _) in &mut motions {
             *weight /= all;
         }
-        // What the samples do not vary: errors of images and priors but not of the shape's prior, or of other priors only.
-        // Errors of the mean of a prior with the information Λ are the part C Λ C of the covariance C.
+        // Covariance of the errors that the samples do not vary: errors of images and of all priors but the shape's
+        // (rounded pixels), or of the other priors only. Errors of the mean of a prior with information Λ contribute C
+        // Λ C to the covariance C.
         let deviations = estimate.deviations::<L, G>(estimate.scales);
         let information = |is_wanted: fn(usize) -> bool| {
             let of = |k: usize, _| match is_wanted(k) {
@@ -250,7 +253,7 @@ where
         })
     }
 
-    /// A sample after an adjustment to images with random errors, or to rounded pixels as they are.
+    /// The sample after adjustment to images with random errors, or to rounded pixels without added errors.
     fn with_errors(
         &self,
         sample: &Sample,

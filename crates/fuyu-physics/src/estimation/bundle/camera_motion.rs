@@ -4,7 +4,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::spatial::exp_so3;
 
-/// Rotation of the camera over time. The result is stated in the same inertial axes.
+/// Rotation of the camera over time. It also defines the inertial axes of the result.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum CameraMotion {
     /// No rotation: inertial axes are the camera's.
@@ -36,7 +36,8 @@ impl CameraMotion {
         }
     }
 
-    /// A description of the first fault, if there is one: times that do not increase, or numbers that are not finite.
+    /// A description of the first invalid sample, if there is one: times that do not increase, or numbers that are not
+    /// finite.
     pub(super) fn fault(&self) -> Option<String> {
         let (times, finite): (Vec<f64>, bool) = match self {
             Self::Fixed => return None,
@@ -86,8 +87,8 @@ pub fn rotation_between(
     exp_so3(&((w0 + w1) * (0.5 * h) + w0.cross(w1) * (h * h / 12.0)))
 }
 
-/// The attitude at `time` \[s\] from `samples` in the order of time: constant angular velocity between samples, and beyond
-/// the ends that of the nearest two. Identity without samples.
+/// The attitude at `time` \[s\] from `samples` in the order of time, with constant angular velocity between samples
+/// and, beyond the ends, that of the nearest two. Identity without samples.
 pub fn attitude_at(samples: &[(f64, UnitQuaternion<f64>)], time: f64) -> UnitQuaternion<f64> {
     match samples {
         [] => UnitQuaternion::identity(),

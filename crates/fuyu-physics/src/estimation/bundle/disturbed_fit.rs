@@ -20,56 +20,56 @@ use super::scene::Scene;
 use super::structure::SolverSettings;
 use crate::estimation::motion_state::{MotionState, StateCovariance};
 
-/// Rounds of adjustment and choice of the priors' widths.
+/// Rounds of adjustment and selection of the prior widths.
 const ROUNDS: usize = 2;
 
-/// A solution of the rounding likelihood is trusted if it is as near to that of least squares as this, in standard
-/// deviations of the latter, of eight parameters.
+/// A solution of the rounding likelihood is trusted if its attitude and momentum differ from those of least squares by
+/// less than this many standard deviations of the latter.
 const AGREEING: f64 = 5.0;
 
 /// A sphere is kept as the estimate unless another shape lowers the cost by more than this (in units of the noise
 /// variance): half the 95 % point of a chi-squared variable of five degrees of freedom.
 const SHAPE_GAIN: f64 = 5.5;
 
-/// Searches for a more probable body at most, and the difference of two minima's costs below which they are the same one
-/// (in units of the noise variance).
+/// Largest number of searches for a more probable body, and the difference of the costs below which two minima are the
+/// same (in units of the noise variance).
 const SEARCHES: usize = 4;
 const NEARBY: f64 = 3.0;
 
-/// The fit and what it says about the last frame.
+/// The fit and its results for the last frame.
 pub struct DisturbedFit {
     /// The model.
     pub model: Disturbed,
-    /// Points, statistics of the residuals.
+    /// The points in body axes.
     pub points: Vec<Vector3<f64>>,
-    /// Covariance of each point in body axes, in units of `factor`; empty if not wanted.
+    /// Covariance of each point in body axes; empty if not requested.
     pub point_covariances: Vec<Matrix3<f64>>,
     /// Statistics of the residuals.
     pub residuals: super::inlier_gate::Residuals,
-    /// Factor on the variance of the images for errors that last; the covariances include it.
+    /// Factor on the image variance for time-correlated errors; the covariances include it.
     pub lasting: f64,
     /// Poses by frame.
     pub poses: Vec<FramePose>,
-    /// State at the last frame; its covariance is in units of `factor`, without inflation.
+    /// State at the last frame; its covariance is not yet inflated.
     pub state: MotionState,
-    /// Position and velocity of the centre of mass at the last frame, with a smooth path.
+    /// Position and velocity of the centre of mass at the last frame; `None` unless the path is smooth.
     pub centre: Option<CentreMotion>,
     /// Standard deviations of the intrinsics.
     pub intrinsic_deviations: SVector<f64, INTRINSICS>,
 }
 
-/// A fit whose prior widths the images have chosen.
+/// A fit with the prior widths that the images support.
 #[derive(Debug, Clone)]
 pub struct EvaluatedFit<const G: usize> {
     /// The fit.
     pub fit: ModelFit<Disturbed>,
-    /// Factor on the variance of the images for errors that last.
+    /// Factor on the image variance for time-correlated errors.
     pub lasting: f64,
     /// Covariance of the common unknowns.
     pub covariance: SMatrix<f64, G, G>,
 }
 
-/// Of the adjustments of this stage.
+/// Options of the adjustments of this stage.
 fn adjust_options(settings: &SolverSettings) -> AdjustOptions {
     AdjustOptions {
         likelihood: PixelLikelihood::Huber(4.0 * settings.noise),
@@ -162,7 +162,7 @@ where
     })
 }
 
-/// The most probable fit that is found from `start`, and samples of other bodies if the images leave the inertia open.
+/// The most probable fit found from `start`, and samples of other bodies if the images do not determine the inertia.
 fn search<const L: usize, const G: usize>(
     scene: &mut Scene,
     start: Disturbed,
@@ -201,7 +201,7 @@ where
         let variance = found.lasting * found.fit.residuals.deviation.powi(2);
         let change = (found.fit.cost - reached.cost).abs();
         found = with_chosen_widths::<L, G>(scene, model, points, reached.cost, settings)?;
-        // The samples of a minimum nearby are those of this one.
+        // The same minimum: the samples remain valid.
         if change < NEARBY * variance {
             break;
         }
@@ -210,7 +210,7 @@ where
     Some((found, samples))
 }
 
-/// Chooses the widths of the priors by the images, and adjusts again. `cost` is that of `model` as it is.
+/// Selects the prior widths by the evidence of the images, and adjusts again. `cost` is the cost of `model` before.
 fn with_chosen_widths<const L: usize, const G: usize>(
     scene: &mut Scene,
     mut model: Disturbed,
@@ -257,7 +257,8 @@ where
     })
 }
 
-/// Hessian and gradient of the images' cost without the prior's, everything but the common unknowns eliminated \[px²\].
+/// Hessian and gradient of the images' cost without the priors, after elimination of all but the common unknowns
+/// \[px²\].
 fn of_images<const L: usize, const G: usize>(
     scene: &Scene,
     model: &Disturbed,
@@ -273,7 +274,7 @@ where
     Some((hessian, normal.gradient - weights.component_mul(&distances)))
 }
 
-/// Covariance of the common unknowns. `lasting` is the factor for errors that last.
+/// Covariance of the common unknowns. `lasting` is the variance factor of time-correlated errors.
 fn covariance_of<const L: usize, const G: usize>(
     scene: &Scene,
     fit: &ModelFit<Disturbed>,
@@ -290,7 +291,8 @@ where
     Some(Inverse::of(&information)?.covariance)
 }
 
-/// Information on the common unknowns, of images whose noise has this `variance` \[px²\] and of the priors.
+/// Information matrix of the common unknowns: that of images with noise of this `variance` \[px²\] plus that of the
+/// priors.
 pub fn information_of<const L: usize, const G: usize>(
     scene: &Scene,
     model: &Disturbed,
@@ -303,7 +305,7 @@ where
 {
     let normal = reduced_normal::<L, G, _>(scene, model, points, likelihood, false)?;
     let (weights, _) = PoseModel::<L, G>::prior(model);
-    // The residuals scale the information of the images, not that of the prior.
+    // The residuals scale the information of the images, not that of the priors.
     let deviations = model.deviations::<L, G>(model.scales);
     let mut information = (normal.hessian - SMatrix::from_diagonal(&weights)) / variance;
     for k in 0..G {
@@ -312,7 +314,7 @@ where
     Some(information)
 }
 
-/// Distance of two models in standard deviations of the state at the last frame.
+/// Mahalanobis distance of two models at the last frame, in attitude and momentum.
 fn differs_by<const L: usize, const G: usize>(
     a: &Disturbed,
     b: &Disturbed,
@@ -335,7 +337,7 @@ where
         .map_or(f64::INFINITY, |c| off.dot(&c.solve(&off)).max(0.0).sqrt())
 }
 
-/// Whether the model's scales differ from the nominal ones, as text.
+/// Notes for the user on prior widths that the images have increased.
 pub fn describe(scales: &Scales, is_smooth: bool, acceleration: f64) -> Vec<String> {
     let mut notes = Vec::new();
     if scales.torque >= 10.0 {

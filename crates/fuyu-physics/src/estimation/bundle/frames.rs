@@ -15,7 +15,7 @@ pub struct Observation {
     pub track: usize,
     /// Image point relative to the principal point \[px\].
     pub pixel: Vector2<f64>,
-    /// Whether it agrees with the structure so far.
+    /// Whether the observation agrees with the structure so far.
     pub inlier: bool,
 }
 
@@ -42,8 +42,8 @@ pub struct Frames {
 }
 
 impl Frames {
-    /// The frames of `tracks` with the camera's attitude `R_WC(t)`. A frame keeps at most `most` points, those
-    /// of the longest tracks.
+    /// The frames of `tracks` with the camera's attitude `R_WC(t)`. Each frame keeps at most `most` points, those of
+    /// the longest tracks.
     pub fn new(
         tracks: &Tracks,
         camera: &Pinhole,
@@ -116,8 +116,8 @@ impl Frames {
         rays.collect()
     }
 
-    /// Change of the common points' arrangement from `i` to `j`, relative to its size: about the angle turned \[rad\].
-    /// Common translation is removed. `None` with fewer than `least` points.
+    /// Change of the arrangement of the common points from `i` to `j`, relative to its size: about the angle turned
+    /// \[rad\]. Common translation is removed. `None` with fewer than `least` points.
     pub fn change(&self, i: usize, j: usize, least: usize) -> Option<f64> {
         let both = self.common(i, j);
         if both.len() < least.max(1) {

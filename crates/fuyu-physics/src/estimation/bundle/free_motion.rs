@@ -1,9 +1,9 @@
 //! Torque-free rotation as a model to fit: attitudes at given times, and their derivatives by its parameters.
 //!
-//! Its parameters are the constants of the motion: the inertia matrix `I` in body axes (its scale is not observable; it
-//! is normalised to trace 3) and the angular momentum `L` in inertial axes, on the same scale. With the
-//! attitude `R` at one time, `R' = R [w×]`, `w = I⁻¹ Rᵀ L`. No principal axes are chosen, so nothing
-//! becomes singular where two or three of the moments are equal.
+//! The parameters are the constants of the motion: the inertia matrix `I` in body axes (its scale is not observable; it
+//! is normalised to trace 3) and the angular momentum `L` in inertial axes, on the same scale. The shape of an inertia is
+//! its traceless part, five numbers. With the attitude `R` at one time, `R' = R [w×]`, `w = I⁻¹ Rᵀ L`. No principal axes
+//! are chosen, so nothing becomes singular where two or three of the moments are equal.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 use pulp::Arch;
@@ -25,7 +25,7 @@ pub const SHAPE_SPREAD: f64 = 0.35;
 /// Motions near the separatrix need this, because they amplify errors a million times.
 const LARGEST_TURN: f64 = 0.55;
 
-/// Smallest accepted principal moment, for trace 3. A rod ten times as long as thick has more.
+/// Smallest accepted principal moment, for trace 3. The smallest moment of a rod ten times as long as thick is larger.
 const SMALLEST_MOMENT: f64 = 5e-3;
 
 /// Largest accepted principal moment. No moment of a body exceeds the sum of the others, 1.5; noise may push a thin
@@ -131,8 +131,8 @@ impl FreeMotion {
         })
     }
 
-    /// Derivative of the rotation at a time with sensitivity `S` by a rotation of the body at the reference time,
-    /// both in body axes. A body that starts rotated by θ moves like one with its inertia rotated by θ, then rotated.
+    /// Derivative of the rotation at a time with sensitivity `S` by a rotation of the body at the reference time, both
+    /// in body axes. A body that starts rotated by θ moves like a body with its inertia rotated by θ, then rotated.
     pub fn turn_by_turn(&self, S: &Sensitivity) -> Matrix3<f64> {
         Matrix3::identity() + S.fixed_columns::<5>(0) * self.shape_by_turn()
     }

@@ -23,7 +23,7 @@ use super::{BodyPoint, BodyPose, CentreMotion, Options, Solution};
 use crate::estimation::EstimateError;
 use crate::vision::Pinhole;
 
-/// Factor on the variance for errors that last from which a note says so.
+/// Least variance factor of time-correlated errors that is mentioned in the diagnosis.
 const NOTED: f64 = 4.0;
 
 /// Result of the global adjustment.
@@ -40,13 +40,13 @@ pub struct GlobalFit {
     pub since: Option<f64>,
     /// RMS residual with one independent pose per frame \[px\].
     pub independent_rms: Option<f64>,
-    /// Another angular rate that explains the images equally well \[rad/s\].
+    /// Angular rate of a different motion that explains the images equally well \[rad/s\].
     alternative: Option<f64>,
     turn: f64,
 }
 
-/// Adjusts motion, points and positions together, from an approximate motion. `turns` takes the axes of each segment
-/// to the body axes of `motion`.
+/// Adjusts motion, points and positions together, from an approximate motion. `turns` are the rotations from the axes
+/// of each segment to the body axes of `motion`.
 pub fn adjust_globally(
     mut frames: Frames,
     motion: FreeMotion,
@@ -58,7 +58,7 @@ pub fn adjust_globally(
     let attitudes: Vec<_> = (motion.attitudes(&times).into_iter().zip(&frames.list))
         .map(|(R_WB, f)| f.R_WC.inverse() * R_WB)
         .collect();
-    // The inlier gates of the segments used independent poses; start again with all observations.
+    // The inlier gates of the segments used independent poses; gate all observations again.
     for observation in frames.list.iter_mut().flat_map(|f| &mut f.observations) {
         observation.inlier = true;
     }
@@ -176,14 +176,14 @@ fn independent_rms(segments: &[Segment]) -> Option<f64> {
     (resected > 0).then(|| (segments.iter().map(sum).sum::<f64>() / resected as f64).sqrt())
 }
 
-/// Fit with one of the models of the centre of mass's motion.
+/// Fit with linear motion of the centre of mass, or with free positions.
 enum ComMotion<'a> {
     Linear(ModelFit<LinearComMotion<'a>>),
     Free(ModelFit<FreePositions<'a>>),
 }
 
-/// Fit with linear motion of the centre of mass, from a rough start. `None` if the residuals are larger than `noise`
-/// \[px\], those of independent poses.
+/// Fit with linear motion of the centre of mass, from a rough start. `None` if its residuals are larger than `noise`
+/// \[px\], the residuals with independent poses.
 fn fit_linear_com<'a>(
     scene: &mut Scene,
     start: &FreePositions<'a>,
@@ -239,16 +239,16 @@ impl GlobalFit {
         self.turn
     }
 
-    /// Factor on the covariance of independent residuals. If the motion leaves larger residuals than independent poses
-    /// do, the difference is a systematic error common to all frames, and all frames together count as one observation.
+    /// Factor on the covariance of independent residuals. If the motion leaves larger residuals than independent poses,
+    /// the difference is a systematic error common to all frames, and all frames together count as one observation.
     fn covariance_inflation(&self) -> f64 {
         let Some(noise) = self.independent_rms else {
             return 1.0;
         };
         let count = self.observations.max(1) as f64;
         let excess = (self.residuals.deviation / noise).powi(2) - 1.0;
-        // Both variances are of the same noise; they differ by the degrees of freedom that only independent poses
-        // have, six per frame.
+        // Both variances are of the same noise; they differ by the degrees of freedom of independent poses, six per
+        // frame.
         let differing = 6.0 * self.chosen.len() as f64;
         if excess < 4.0 * (2.0 * differing).sqrt() / (2.0 * count) {
             return 1.0;
@@ -320,7 +320,7 @@ impl GlobalFit {
         }
         let scale = log_focal.exp();
         let times = self.chosen.iter().map(|i| self.frames.list[*i].time);
-        // The last part of a split track has its current id, and the lowest number.
+        // After a split, the last part of a track has the current id, and the lowest number.
         let ids = &self.frames.ids;
         let is_current = |track: usize| ids.iter().position(|id| *id == ids[track]) == Some(track);
         let numbered = self.tracks.iter().enumerate();

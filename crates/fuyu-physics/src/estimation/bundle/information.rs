@@ -2,7 +2,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-/// Information that is added to directions which vanish in rounding, relative to that of single unknowns.
+/// Regularisation of directions whose information vanishes in rounding, relative to the information of single unknowns.
 const LEAST_INFORMATION: [f64; 4] = [0.0, 1e-14, 1e-12, 1e-10];
 
 /// Inverse of an information matrix.
@@ -15,9 +15,9 @@ pub struct Inverse<const G: usize> {
 }
 
 impl<const G: usize> Inverse<G> {
-    /// The inverse of `information`, which need not be quite symmetric. Near the separatrix the unknowns' information
-    /// differs by many orders of magnitude: the matrix is scaled to a unit diagonal, and directions that vanish in
-    /// rounding get the least information for which the factorisation succeeds. `None` if none is enough.
+    /// Inverse of `information`, which need not be exactly symmetric. Near the separatrix the information of the
+    /// unknowns differs by many orders of magnitude: the matrix is scaled to a unit diagonal, and directions that
+    /// vanish in rounding get the least regularisation for which the factorisation succeeds. `None` if none suffices.
     pub fn of(information: &SMatrix<f64, G, G>) -> Option<Self> {
         let scale = SVector::<f64, G>::from_fn(|k, _| {
             let own = information[(k, k)];

@@ -14,9 +14,9 @@ pub const INLIER_GATE: f64 = 6.0;
 pub struct Residuals {
     /// Root mean square of the inliers' components \[px\].
     pub rms: f64,
-    /// The same per degree of freedom: the estimated standard deviation of the noise \[px\].
+    /// Root mean square per degree of freedom: the estimated standard deviation of the noise \[px\].
     pub deviation: f64,
-    /// Outliers as a share of all observations.
+    /// Fraction of all observations that are outliers.
     pub outliers: f64,
 }
 
@@ -38,8 +38,8 @@ pub fn gate_inliers(
     }
 }
 
-/// Root mean square of the inliers' residual components per degree of freedom \[px\], with at least a fifth of them
-/// counted as degrees of freedom.
+/// Root mean square of the inliers' residual components per degree of freedom \[px\]; the degrees of freedom are at
+/// least a fifth of the components.
 pub fn rms(scene: &Scene, motion: &IndependentPoses, points: &[Vector3<f64>]) -> f64 {
     let focal = scene.focal * motion.log_focal.exp();
     let (mut sum, mut count) = (0.0, 0);
@@ -93,7 +93,7 @@ pub fn gate_and_evaluate<const L: usize, const G: usize, M: PoseModel<L, G>>(
     }
 }
 
-/// Number of unknowns of a fit to the scene that the images determine.
+/// Number of unknowns of a fit to the scene that the images determine, not the priors.
 pub fn unknowns<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &M,

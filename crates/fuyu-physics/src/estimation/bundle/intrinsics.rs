@@ -7,7 +7,7 @@ use super::scene::MIN_DEPTH;
 /// Number of intrinsic unknowns: logarithm of the focal length, principal point (2), first radial coefficient.
 pub const INTRINSICS: usize = 4;
 
-/// Weight that holds the focal length at its nominal value \[px²\].
+/// Prior weight that holds the focal length at its nominal value \[px²\].
 const FIXED: f64 = 1e14;
 
 /// Deviation of the camera from its nominal calibration.
@@ -48,13 +48,13 @@ pub struct Lens {
     radial: f64,
 }
 
-/// Derivatives of an image point.
+/// An image point and its derivatives.
 pub struct Projected {
     /// The image point \[px\].
     pub pixel: Vector2<f64>,
-    /// By the point in the camera's frame.
+    /// Derivative by the point in the camera's frame.
     pub by_x: SMatrix<f64, 2, 3>,
-    /// By the intrinsics, in the order of [`Intrinsics`].
+    /// Derivative by the intrinsics, in the order of [`Intrinsics`].
     pub by_intrinsics: SMatrix<f64, 2, INTRINSICS>,
 }
 
@@ -69,7 +69,7 @@ impl Lens {
         })
     }
 
-    /// Image of a point with its derivatives. Points too near or behind are treated as if at the least depth.
+    /// Image of a point with its derivatives. A point behind the camera, or too near, is moved to the least depth.
     #[inline]
     pub fn expand(&self, x: &Vector3<f64>) -> Projected {
         let inverse = 1.0 / x.z.max(MIN_DEPTH);
@@ -78,7 +78,7 @@ impl Lens {
         let factor = 1.0 + self.radial * square;
         let undistorted = self.focal.component_mul(&n);
         let distorted = undistorted * factor;
-        // By the normalised point.
+        // Derivatives by the normalised point.
         let (a, b) = (
             self.focal.x * (factor + 2.0 * self.radial * n.x * n.x),
             self.focal.y * (factor + 2.0 * self.radial * n.y * n.y),
@@ -106,7 +106,7 @@ impl Lens {
 }
 
 /// Weight of the prior on the logarithm of the focal length \[px²\], for image noise `noise` \[px\] and a relative
-/// standard deviation `deviation` of the nominal value; zero holds it there.
+/// standard deviation `deviation` of the nominal value; with zero deviation the prior holds the nominal value.
 pub fn focal_prior_weight(deviation: f64, noise: f64) -> f64 {
     if deviation > 0.0 {
         (noise / deviation).powi(2)

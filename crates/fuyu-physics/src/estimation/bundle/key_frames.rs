@@ -1,4 +1,4 @@
-//! Key frames, and the first structure, which is reconstructed from them: two-view rotations, linear structure, bundle
+//! Key frames, and the initial structure reconstructed from them: two-view rotations, linear structure, bundle
 //! adjustment.
 
 use std::collections::HashMap;
@@ -21,7 +21,7 @@ const KEY_CHANGE: f64 = 0.2;
 /// Least number of points that consecutive key frames share.
 const MIN_COMMON: usize = 8;
 
-/// At most `most` frames of `open`, from its first on, each with a visible change from the one before.
+/// At most `most` frames of `open`, from its first on, each visibly changed from the one before.
 pub fn key_frames(frames: &Frames, open: &[usize], most: usize) -> Vec<usize> {
     let mut keys: Vec<usize> = Vec::with_capacity(most);
     let mut last_good = None;

@@ -1,8 +1,8 @@
 //! Structure from known rotations, by linear least squares in points and translations.
 //!
-//! With `R` known, `f x = u z` for `x = R p + t` is linear in all `p` and `t` together, so no start is needed. The
-//! weak prior on depths (see [`Scene`]) fixes the scale, and the depths that the images do not determine: in a nearly
-//! pure rotation about the optical axis two views contain no depth.
+//! With `R` known, `f x = u z` for `x = R p + t` is linear in all `p` and `t` together, so no initial values are
+//! needed. The weak prior on depths (see [`Scene`]) fixes the scale, and the depths that the images do not determine:
+//! in a nearly pure rotation about the optical axis two views contain no depth.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -10,8 +10,8 @@ use super::pose_model::FramePose;
 use super::scene::{MIN_DEPTH, Scene, residual};
 use super::schur::{FRAME, System};
 
-/// Points and poses from the attitudes `R_CB` of all frames. `None` if the images do not determine them, or
-/// only with points far outside the scene.
+/// Points and poses from the attitudes `R_CB` of all frames. `None` if the images do not determine them, or if the
+/// points are far outside the scene.
 pub fn structure(
     scene: &Scene,
     attitudes: &[UnitQuaternion<f64>],
@@ -25,7 +25,7 @@ pub fn structure(
         let mut system = System::<3, 1>::new(scene.points, 0);
         for (i, R_CB) in attitudes.iter().enumerate() {
             let R = *R_CB.to_rotation_matrix().matrix();
-            // Only the translation is unknown.
+            // For frames whose only unknown is the translation.
             let mut H = SMatrix::<f64, FRAME, FRAME>::zeros();
             let mut g = SVector::<f64, FRAME>::zeros();
             let mut H_tt = Matrix3::identity() * 1e-9;
@@ -62,7 +62,7 @@ pub fn structure(
             H.fixed_view_mut::<3, 3>(3, 3).copy_from(&H_tt);
             system.add_frame(H, g, &SMatrix::zeros());
         }
-        // There are no common unknowns; the type has one at least.
+        // The system needs at least one common unknown; this one is unused.
         system.add_common(&SVector::<f64, 1>::repeat(1.0), &SVector::zeros());
         let step = system.step(1e-9)?;
         for (p, d) in points.iter_mut().zip(&step.points) {
@@ -98,8 +98,8 @@ pub fn drop_points_behind_camera(
     inliers
 }
 
-/// Triangulates a point from observations in frames with known poses. `None` if they do not determine it in front of
-/// the camera.
+/// Triangulates a point from observations in frames with known poses. `None` if they do not determine a point in front
+/// of the camera.
 pub fn triangulate(
     observations: &[(FramePose, nalgebra::Vector2<f64>)],
     focal: &nalgebra::Vector2<f64>,

@@ -1,9 +1,9 @@
-//! Errors of image points that last from frame to frame.
+//! Time-correlated errors of image points.
 //!
-//! A tracker that has aligned a point a little off its place does so in the next frames as well. Such errors do not average out as
-//! independent ones do: the variance of what many frames determine is larger by `1 + 2 (r_1 + r_2 + ...)` with their autocorrelation `r`
-//! (Bartlett 1946). It is measured in the residuals that a pose of each frame leaves, so that a motion that the model does
-//! not know does not count.
+//! A tracker that places a point slightly wrong repeats this error in the next frames. Such errors average out more slowly
+//! than independent ones: the variance of a quantity that many frames determine is larger by the factor
+//! `1 + 2 (r_1 + r_2 + ...)`, with the autocorrelation `r_k` at lag `k` (Bartlett 1946). The autocorrelation is computed
+//! from residuals after a free correction of each frame's pose, so that unmodelled motion does not contribute.
 
 use nalgebra::{Matrix2x3, Matrix2x6, Matrix6, Vector2, Vector3, Vector6};
 
@@ -16,15 +16,15 @@ const LAGS: usize = 120;
 /// Fewest points of a frame: a pose takes six of their coordinates.
 const FEWEST: usize = 6;
 
-/// Least factor that counts. The autocorrelation of independent errors is sometimes significant by chance, and then makes a factor near 1;
-/// their solutions remain exactly the same.
+/// Smaller factors are replaced by 1. The autocorrelation of independent errors is sometimes significant by chance,
+/// with a factor near 1; such solutions must not change at all.
 const LEAST_FACTOR: f64 = 2.0;
 
-/// A smaller autocorrelation, in its standard deviations for independent errors, ends the sum.
+/// The sum ends at an autocorrelation below this many of its standard deviations for independent errors.
 const SIGNIFICANT: f64 = 3.0;
 
-/// Factor on the variance of a solution for errors that last; exactly 1 if they do not. Coordinates that are rounded to whole pixels are left to
-/// their own likelihood.
+/// Variance factor of a solution for time-correlated errors; exactly 1 without them. Also 1 for coordinates rounded to
+/// whole pixels, which have a likelihood of their own.
 pub fn lasting_errors<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &M,
@@ -44,7 +44,7 @@ pub fn lasting_errors<const L: usize, const G: usize, M: PoseModel<L, G>>(
     of_series(&series)
 }
 
-/// The same for the residuals of each point, with their frames.
+/// Variance factor from the residuals of each point, with their frames.
 fn of_series(all: &[Vec<(usize, Vector2<f64>)>]) -> f64 {
     let mut sums = [0.0; LAGS + 1];
     let mut count = 0.0;
@@ -69,7 +69,7 @@ fn of_series(all: &[Vec<(usize, Vector2<f64>)>]) -> f64 {
     }
 }
 
-/// Residuals of the inliers in frame `i` that a change of its pose would leave, with their points \[px\].
+/// Residuals of the inliers in frame `i` after a free correction of its pose, with the indices of their points \[px\].
 fn residuals_with_free_pose<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &M,
@@ -115,7 +115,7 @@ mod tests {
     use rand::{RngExt, SeedableRng, rngs::StdRng};
     use rand_distr::StandardNormal;
 
-    /// Errors of 50 points over 300 frames, each `memory` of the last one and independent noise.
+    /// Errors of 50 points over 300 frames: each is `memory` times the previous one plus independent noise.
     fn courses(memory: f64) -> Vec<Vec<(usize, Vector2<f64>)>> {
         let mut rng = StdRng::seed_from_u64(4);
         let course = |_| {
@@ -125,13 +125,14 @@ mod tests {
                 error = error * memory + Vector2::new(noise(), noise());
                 (k, error)
             });
-            // The first ones have not yet their usual size.
+            // The first errors have not reached their stationary variance.
             each.skip(100).collect()
         };
         (0..50).map(course).collect()
     }
 
-    // Would break if a small autocorrelation counted, as independent errors have it by chance: solutions without a tracker would change.
+    // Fails if a small autocorrelation counts, which independent errors have by chance: solutions for independent
+    // errors would change.
     #[test]
     fn independent_errors_change_nothing() {
         for memory in [0.0, 0.1] {
@@ -139,7 +140,7 @@ mod tests {
         }
     }
 
-    // An autoregressive process of first order: (1 + a) / (1 - a).
+    // The variance factor of a first-order autoregressive process is (1 + a) / (1 - a).
     #[test]
     fn errors_that_last_count_less() {
         for memory in [0.5, 0.9] {

@@ -1,8 +1,8 @@
 //! Inertia and angular momentum from a series of attitudes, by linear least squares.
 //!
-//! Angular momentum is the same at all times: `R_i I R_iᵀ w_i = L`, linear in `I` and `L`. With `I = 1 + Σ d_k E_k`
-//! (scale is not observable, so the trace is fixed) it is an ordinary least-squares problem with eight unknowns and
-//! needs no start, unlike every later stage.
+//! The angular momentum is constant: `R_i I R_iᵀ w_i = L`, linear in `I` and `L`. With `I = 1 + Σ d_k E_k` (scale is
+//! not observable, so the trace is fixed) it is an ordinary least-squares problem with eight unknowns and needs no
+//! initial values, unlike every later stage.
 
 use nalgebra::{DMatrix, DVector, SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -35,8 +35,8 @@ const MAX_TURN: f64 = 1.7;
 /// Largest number of neighbours on either side.
 const NEIGHBOURS: usize = 8;
 
-/// Angular velocities along a series: at each attitude the slope of a polynomial through the rotation vectors
-/// to its neighbours.
+/// Angular velocities along a series: at each attitude, the slope of a polynomial fitted to the rotation vectors to its
+/// neighbours.
 pub fn rates(series: &[AttitudeSample]) -> Vec<BodyRate> {
     let stride = series.len().div_ceil(MAX_RATES).max(1);
     for (least, degree) in [(5, 4), (3, 2)] {
@@ -95,7 +95,7 @@ fn body_rate_at(
 
 /// Position along the rates (0 to 1) where the body turns over: the angular velocity in body axes changes fastest there.
 pub fn fastest_tumbling(rates: &[BodyRate]) -> f64 {
-    // Differences over several rates, so that no single wrong one decides.
+    // Differences over several rates, so that a single wrong one does not decide.
     let apart = rates.len() / 40 + 2;
     let change = |i: usize| (rates[i + apart].w_WB_B - rates[i].w_WB_B).norm();
     let pairs = 0..rates.len().saturating_sub(apart);
@@ -103,7 +103,7 @@ pub fn fastest_tumbling(rates: &[BodyRate]) -> f64 {
     fastest.map_or(0.5, |i| (i + apart / 2) as f64 / rates.len() as f64)
 }
 
-/// The torque-free motion that agrees best with `rates`. Its reference is the rate at position `along` (0 to 1). `None`
+/// The torque-free motion that fits `rates` best. Its reference is the rate at position `along` (0 to 1). `None`
 /// without rates.
 pub fn fit_inertia_and_momentum(rates: &[BodyRate], along: f64) -> Option<FreeMotion> {
     let middle = rates.get((along * rates.len() as f64) as usize)?.attitude;
@@ -149,7 +149,7 @@ pub fn fit_inertia_and_momentum(rates: &[BodyRate], along: f64) -> Option<FreeMo
     }
     let mut shape: SVector<f64, 5> = solution.fixed_rows::<5>(0).into_owned();
     let momentum = solution.fixed_rows::<3>(5).into_owned();
-    // Noise may give an inertia that no body has: move towards a sphere until one can have it.
+    // Noise may give an inertia that no body can have: move towards a sphere until the inertia is valid.
     for _ in 0..20 {
         if let Some(motion) = FreeMotion::new(&shape, momentum, middle.time, middle.R_WB) {
             return Some(motion);

@@ -7,26 +7,25 @@
 //!    (`relative_pose`: Weng's linear method, five points with RANSAC for wrong correspondences), linear structure
 //!    (`known_rotation`), resection of further frames (`resection`), bundle adjustment (`adjust`, on the block solver
 //!    `schur`).
-//! 2. `linear_inertia`: inertia and momentum from the attitudes by linear least squares, since momentum is constant.
-//! 3. `attitude_fit`: the torque-free motion nearest to the attitudes. Tracks too short for stage 1 give rotations
-//!    between neighbouring frames instead, and `relative_rotation` fits the motion to those.
+//! 3. `attitude_fit`: the torque-free motion that fits the attitudes best. Where tracks are too short for stage 1,
+//! `relative_rotation` fits the motion to rotations between neighbouring frames instead.
 //! 4. `global_adjustment`: bundle adjustment of points and motion together, over all frames (`model_fit`). The centre
 //!    of mass moves on a straight line (`pose_model::linear_com_motion`) or, where the images contradict this, has an
 //!    independent position in each frame (`pose_model::free_positions`). For pixels that are whole numbers, the
 //!    likelihood of rounding refines the result (`pixel_likelihood`). After a short rotation other depths are tried
-//!    (`ambiguity`).
 //! 5. `disturbed_fit`: the same adjustment with torques, errors of gyro and calibration, and a curved path as further
-//!    unknowns with priors, whose widths the images choose (`prior_scales`). Its normal equations give the covariance
-//!    of the state at the last frame. Where the images leave the inertia open, samples of other bodies show how their
-//!    motions differ, and whether one of them is more probable (`body_samples`).
+//!    unknowns with priors; the evidence of the images selects the prior widths (`prior_scales`). Its normal equations give
+//!    the covariance of the state at the last frame. Where the images do not determine the inertia, samples of other bodies
+//!    show how differently they move, and whether one of them is more probable (`body_samples`).
 //!
-//! If that fails, tracks with reused ids are split (`reused_track_ids`), and the solver starts again.
+//! If these stages fail, tracks with reused ids are split (`reused_track_ids`), and the solver starts again.
 //!
 //! The result is a [`Solution`]: motion with covariance, shape, poses, and a diagnosis of what the data do not
 //! determine. The motion is represented by inertia and momentum, without principal axes, so spheres, symmetric bodies
-//! and spins about one axis need no special cases; what is not determined for them is reported.
+//! and spins about one axis need no special cases; the diagnosis reports what their motion leaves undetermined.
 //!
-//! Masutani 1995 ([`super::masutani1995`]) estimates from angular velocities alone; this uses every image point.
+//! Masutani 1995 ([`super::masutani1995`]) estimates from angular velocities alone; bundle adjustment uses every image
+//! point.
 
 mod adjust;
 mod ambiguity;
@@ -88,7 +87,7 @@ pub(super) use uncertainty::{derivatives, report_of_state};
 use super::{EstimateError, MotionEstimate, MotionState, Tracks};
 use crate::vision::Pinhole;
 
-/// Least number of points that neighbouring frames must share for a start from their relative poses.
+/// Least number of points that neighbouring frames must share for initialisation from their relative poses.
 const MIN_POINTS: usize = 8;
 
 /// Least number of points that neighbouring frames must share.
@@ -97,17 +96,17 @@ const LEAST_SHARED: usize = 4;
 /// Least number of frames with features.
 const MIN_FRAMES: usize = 8;
 
-/// Options of the estimation, and knowledge in addition to the tracks.
+/// Options of the estimation, and prior knowledge.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// Standard deviation of an image coordinate \[px\]. The default is that of rounding to whole pixels (0.29,
     /// rounded up); it is increased if the tracks are noisier.
     pub pixel_noise: f64,
-    /// Standard deviations of what disturbs a free rotation before a calibrated camera: torques, curvature of the
-    /// path, errors of gyro and calibration. All of them are estimated.
+    /// Prior standard deviations of the disturbances: torques, curvature of the path, errors of gyro and calibration.
+    /// All disturbances are estimated.
     pub widths: Widths,
-    /// The relative orbit, if its directions are known: instead of a straight line the centre of mass moves as
-    /// Clohessy and Wiltshire describe.
+    /// The relative orbit, if its directions are known: the centre of mass then moves by the Clohessy-Wiltshire
+    /// equations instead of on a straight line.
     pub orbit: Option<Orbit>,
     /// Whether the covariances of the points are computed.
     pub with_points: bool,
@@ -161,8 +160,8 @@ pub struct BodyPose {
     pub time: f64,
     /// Body axes in the camera's axes of that frame.
     pub R_CB: UnitQuaternion<f64>,
-    /// The body's origin in the camera's axes, in units of the mean depth: the centre of mass if that moves on
-    /// a straight line, otherwise an arbitrary point of the body.
+    /// The body's origin in the camera's axes, in units of the mean depth: the centre of mass if its path is smooth,
+    /// otherwise an arbitrary point of the body.
     pub t_C: Vector3<f64>,
 }
 
@@ -181,7 +180,7 @@ pub struct CentreMotion {
 /// Result of bundle adjustment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
-    /// The motion, in inertial axes: the camera's, or those of [`Options::camera_motion`].
+    /// The motion, in inertial axes: those of the camera, or of [`Options::camera_motion`].
     pub motion: MotionEstimate,
     /// The body's feature points.
     pub points: Vec<BodyPoint>,
@@ -199,15 +198,15 @@ pub struct Solution {
     pub diagnosis: Vec<String>,
     /// The state at the last frame.
     pub state: MotionState,
-    /// The centre of mass at the last frame; `None` if its path is not smooth or the camera rotates, so that it is
-    /// not known which point of the body it is.
+    /// The centre of mass at the last frame. `None` if its path is not smooth or the camera rotates: the images then do
+    /// not determine which point of the body is the centre of mass.
     pub centre: Option<CentreMotion>,
 }
 
 impl Solution {
-    /// Covariance of the rotation from `from` to `to` \[s\] as given by [`Solution::motion`]: of the rotation vector
-    /// of its error in inertial axes \[rad²\], where `estimate = exp(error) truth`. With both times after the last
-    /// frame it is that of a prediction.
+    /// Covariance of the error of the rotation from `from` to `to` \[s\] given by [`Solution::motion`]: of the rotation
+    /// vector `error` in inertial axes \[rad²\], where `estimate = exp(error) truth`. With both times after the last
+    /// frame it is the covariance of a prediction.
     pub fn turn_covariance(&self, from: f64, to: f64) -> Matrix3<f64> {
         self.state.covariance_between(from, to)
     }

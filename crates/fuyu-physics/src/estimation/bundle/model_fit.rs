@@ -1,4 +1,4 @@
-//! Fit of a pose model to a scene: robust adjustment, choice of the simpler body, refinement by pixel rounding.
+//! Fit of a pose model to a scene: robust adjustment, preference for a spherical inertia, refinement by pixel rounding.
 
 use nalgebra::Vector3;
 
@@ -15,13 +15,13 @@ use super::structure::SolverSettings;
 const SMALL_NUTATION: f64 = 0.05;
 
 /// An inertia shape is preferred to a sphere if it lowers the cost by more than this (in units of the noise variance).
-/// Its five parameters lower the cost by 2.5 if the body is a sphere.
+/// For a spherical body the five parameters of the shape lower the cost by 2.5 on average.
 const SHAPE_GAIN: f64 = 20.0;
 
-/// Scales of the noise before rounding that are tried \[px\], in descending order while the likelihood rises.
+/// Scales of the noise before rounding \[px\], tried in this order while the likelihood rises.
 const NOISE_SCALES: [f64; 3] = [0.06, 0.02, 0.007];
 
-/// Least number of coordinates near the edges of their pixels, per unknown.
+/// Least number of coordinates near the edges of their pixels, per unknown, for a refinement by rounding.
 const BOUNDED_PER_UNKNOWN: f64 = 0.7;
 
 /// A fitted pose model with its points.
@@ -33,7 +33,7 @@ pub struct ModelFit<M> {
     pub points: Vec<Vector3<f64>>,
     /// Statistics of the residuals.
     pub residuals: Residuals,
-    /// Cost of all image residuals, with the priors \[px²\].
+    /// Cost of all image residuals and of the priors \[px²\].
     pub cost: f64,
 }
 
@@ -149,9 +149,9 @@ pub fn refine_with_rounding<const L: usize, const G: usize, M: PoseModel<L, G> +
 }
 
 /// Factor between the inverse of a fit's information and its covariance \[px²\]: the mean square of the cost's slopes
-/// over the mean of its curvatures. Unlike in least squares, no degrees of freedom are subtracted for the likelihood of
-/// rounding: the fit moves coordinates away from the edges of their pixels, which reduces the curvatures as well as the
-/// slopes, and so increases the inverse of the information by itself.
+/// over the mean of its curvatures. Unlike least squares, the likelihood of rounding needs no correction for degrees of
+/// freedom: the fit moves coordinates away from the edges of their pixels, which reduces the curvatures as well as the
+/// slopes, and so already increases the inverse of the information.
 pub fn dispersion<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     fit: &ModelFit<M>,

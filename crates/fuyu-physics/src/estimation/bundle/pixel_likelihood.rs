@@ -1,8 +1,8 @@
 //! Likelihood of an image residual: Huber's robust cost, or that of coordinates rounded to whole pixels.
 //!
 //! A rounded coordinate lies anywhere in its pixel with equal probability, and nowhere else. Least squares does not use
-//! this; the likelihood of the pixel does, and with hundreds of frames its result is several times as accurate: the
-//! bounds of all pixels together enclose the solution more closely than the mean of their errors determines it.
+//! this bound; the likelihood of rounding does, and with hundreds of frames its result is several times as accurate:
+//! the pixel bounds together confine the solution more closely than the mean of the rounding errors does.
 
 use nalgebra::Vector2;
 
@@ -32,7 +32,7 @@ pub struct Rounding {
     floor: f64,
     /// `1 / (1 + exp(-2 h/s))`.
     share: f64,
-    /// `exp(-2 h/s)` times its square: the product of both exponentials at any residual.
+    /// `share² exp(-2 h/s)`: product of the two exponentials of [`Rounding::even_and_odd`], the same for any residual.
     product: f64,
 }
 
@@ -61,7 +61,7 @@ impl Rounding {
         }
     }
 
-    /// Sum and difference of `exp(r/s) / 2` and `exp(-r/s) / 2`, over `cosh(h/s)`.
+    /// `cosh(r/s)` and `sinh(r/s)`, over `cosh(h/s)`: sum and difference of two exponentials.
     #[inline(always)]
     fn even_and_odd(&self, r: f64) -> (f64, f64) {
         let s = self.noise_scale;
@@ -76,7 +76,7 @@ impl Rounding {
         (1.0 + self.even_and_odd(r).0).ln() + self.offset
     }
 
-    /// Its first and second derivative.
+    /// First and second derivative of [`Rounding::negative_log`].
     #[inline(always)]
     fn derivatives(&self, r: f64) -> [f64; 2] {
         let (even, odd) = self.even_and_odd(r);
@@ -87,7 +87,7 @@ impl Rounding {
         ]
     }
 
-    /// How many of a residual's two coordinates are near the edges of their pixels and so bound the solution.
+    /// Number of a residual's two coordinates that are near the edges of their pixels and so bound the solution.
     pub fn bounded(&self, r: &Vector2<f64>) -> f64 {
         4.0 * self.noise_scale.powi(2) * (self.derivatives(r.x)[1] + self.derivatives(r.y)[1])
     }

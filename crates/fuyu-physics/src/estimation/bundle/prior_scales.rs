@@ -1,4 +1,4 @@
-//! Choice of the disturbances' prior widths by the evidence of the images.
+//! Selection of the disturbances' prior widths by the evidence of the images.
 //!
 //! With the normal equations of the common unknowns, `½ (z - z₀)ᵀ H (z - z₀) + gᵀ (z - z₀)` for the images and `½ zᵀ
 //! Λ z` for the prior, the logarithm of the evidence is `½ ln |Λ| - ½ ln |H + Λ| - min`: the marginal likelihood of
@@ -9,18 +9,19 @@ use nalgebra::{SMatrix, SVector};
 
 use super::pose_model::disturbed::Scales;
 
-/// Scales that are tried for each width. Not much less than one: a torque whose mean the images show to be small may turn
-/// with the body and act in another direction later, and errors of a gyro that are small by chance grow after the images.
+/// Scales that are tried for each width. None is much less than one: a torque whose mean is small over the images may
+/// turn with the body and act in another direction later, and gyro errors that are small by chance grow after the
+/// images.
 const TRIED: [f64; 6] = [0.7, 1.0, 10.0, 100.0, 1e3, 1e4];
 
-/// Standard deviation of the scale's decimal logarithm where nothing else is known.
+/// Standard deviation of the prior on the scale's decimal logarithm.
 const DECADES: f64 = 1.0;
 
-/// Variance that stands for a flat prior, relative to the units of the unknowns.
+/// Variance that represents a flat prior, in the units of the unknowns.
 const FLAT: f64 = 1e12;
 
-/// The scales with the largest evidence. `hessian` and `gradient` are those of the images alone at `values`, over the
-/// noise variance; `deviations` gives the priors' standard deviations for scales.
+/// The scales with the largest evidence. `hessian` and `gradient` are those of the images alone at `values`, divided by
+/// the noise variance; `deviations` gives the standard deviations of the priors as a function of scales.
 pub fn best_scales<const G: usize>(
     hessian: &SMatrix<f64, G, G>,
     gradient: &SVector<f64, G>,

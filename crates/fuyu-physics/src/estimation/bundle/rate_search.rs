@@ -1,8 +1,8 @@
 //! Search over angular velocities: initial values where no two frames share enough points for their relative pose.
 //!
-//! With an angular velocity assumed to be constant over a short window, all attitudes in it are known, and structure
-//! follows by linear least squares from all frames together (`known_rotation`). The best of a grid of angular
-//! velocities is adjusted, and the window doubled until it has all frames.
+//! If the angular velocity is assumed to be constant over a short window, all attitudes in the window are known, and
+//! structure follows by linear least squares from all its frames together (`known_rotation`). The best candidates of a
+//! grid of angular velocities are adjusted, and the window is doubled until it contains all frames.
 
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 
@@ -32,15 +32,15 @@ const TURNS: [f64; 6] = [0.15, 0.3, 0.6, 1.0, 1.6, 2.4];
 /// Number of directions that are tried.
 const DIRECTIONS: u32 = 40;
 
-/// Number of candidates that are adjusted, and that are followed into the next window.
+/// Number of candidates that are adjusted, and number that are followed into the next window.
 const ADJUSTED: usize = 8;
 const FOLLOWED: usize = 3;
 
 /// An adjusted motion with the mean square of its residuals \[px²\].
 type Candidate = (FreeMotion, f64);
 
-/// The motion that explains the tracks, from a search over angular velocities that begins in the window of this rank: a
-/// few points in a second may fit a wrong motion, of which another window is free.
+/// The motion that explains the tracks, from a search over angular velocities that begins in window `rank` of
+/// `first_windows`. A window with few points may fit a wrong motion, so callers try several.
 pub fn search_rates(frames: &Frames, rank: usize, settings: &SolverSettings) -> Option<FreeMotion> {
     let (from, to) = *first_windows(frames).get(rank)?;
     let window = subset(frames, from, to, FIRST);
@@ -67,7 +67,7 @@ pub fn search_rates(frames: &Frames, rank: usize, settings: &SolverSettings) -> 
     candidates.first().map(|(motion, _)| *motion)
 }
 
-/// Windows whose first and last frame share a few points, those with the largest change first.
+/// Windows whose first and last frame share a few points, largest change first.
 fn first_windows(frames: &Frames) -> Vec<(usize, usize)> {
     let count = frames.list.len();
     let starts = (0..8).rev().map(|k| k * count / 8);
@@ -105,7 +105,7 @@ fn directions() -> impl Iterator<Item = Vector3<f64>> {
     })
 }
 
-/// The best motions of the grid, without a shape.
+/// The best motions of the grid, with spherical inertia.
 fn best_of_grid(window: &Frames, settings: &SolverSettings) -> Option<Vec<Candidate>> {
     let (first, last) = (window.list.first()?.time, window.list.last()?.time);
     let middle = 0.5 * (first + last);

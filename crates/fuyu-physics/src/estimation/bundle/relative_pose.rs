@@ -32,9 +32,9 @@ pub struct RelativePose {
     pub R: Rotation3<f64>,
     /// Direction of translation; arbitrary if there is no translation.
     pub direction: UnitVector3<f64>,
-    /// By correspondence: whether it agrees.
+    /// For each correspondence, whether it agrees with the motion.
     pub agreeing: Vec<bool>,
-    /// Root mean square of Sampson's error over those that agree, in the rays' units.
+    /// Root mean square of Sampson's error over the agreeing correspondences, in the rays' units.
     pub rms: f64,
     /// Information on the rotation (in the first view's axes) with the direction marginalised out, for
     /// Sampson errors of unit variance.

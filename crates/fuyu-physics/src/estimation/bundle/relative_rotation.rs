@@ -1,7 +1,7 @@
 //! Fit of a torque-free rotation to the rotations between frames, for tracks too short for a structure.
 //!
-//! Each pair of frames up to four apart gives a rotation; the points may be others in each pair. The initial attitude is
-//! not observable from these, so the eight parameters of [`FreeMotion`] are the unknowns.
+//! Each pair of frames up to four apart gives a rotation; different pairs may show different points. These rotations do
+//! not determine the initial attitude, so the eight parameters of [`FreeMotion`] are the unknowns.
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{Const, Dyn, Matrix3, OMatrix, OVector, Owned, SVector, UnitQuaternion, Vector3};
@@ -13,7 +13,7 @@ use super::linear_inertia::{AttitudeSample, fit_inertia_and_momentum, rates};
 use super::relative_pose::relative_pose;
 use super::rotations::right_jacobian_inverse;
 
-/// Largest distance of compared frames.
+/// Largest distance of the two frames of a pair \[frames\].
 const BASELINES: usize = 4;
 
 /// Largest number of rotations that are chained for the start; errors accumulate along the chain.
@@ -29,7 +29,7 @@ struct RelativeRotation {
     whitening: Matrix3<f64>,
 }
 
-/// Fits a motion to the rotations between frames; `noise` of the images \[px\].
+/// Fits a motion to the rotations between frames; `noise` is the image noise \[px\].
 pub fn relative_rotation_fit(
     frames: &Frames,
     noise: f64,
@@ -189,7 +189,7 @@ impl LeastSquaresProblem<f64, Dyn, Const<PARAMETERS>> for Problem<'_> {
     fn residuals(&self) -> Option<OVector<f64, Dyn>> {
         let rows = 3 * self.turns.len();
         let Some(errors) = self.errors() else {
-            // No body has this inertia: residuals too large to be accepted.
+            // No body has this inertia: return residuals so large that the step is rejected.
             return Some(OVector::<f64, Dyn>::from_element(rows + 5, 1e6));
         };
         let each = errors.iter().zip(&self.weights);

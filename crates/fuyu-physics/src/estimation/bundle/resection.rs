@@ -21,8 +21,9 @@ pub struct Resection {
     pub inliers: usize,
 }
 
-/// Pose of the body from `correspondences`, searched near `guess`; if most disagree there and `search` is set, in all
-/// attitudes. `None` if no pose agrees with two thirds of the correspondences, and at least five of them.
+/// Pose of the body from `correspondences`, searched near `guess`; if most disagree there and `search` is set, the
+/// search covers all attitudes. `None` if no pose agrees with two thirds of the correspondences, and with at least
+/// five.
 pub fn resect(
     focal: &Vector2<f64>,
     correspondences: &[Correspondence],
@@ -76,7 +77,7 @@ fn refine(
         if sizes.len() < MIN_POINTS {
             return None;
         }
-        // Half of the correspondences are closer than the median: the width need not be larger to keep them.
+        // Half of the correspondences are below the median residual: the width need not be larger to keep them.
         let middle = sizes.len() / 2;
         let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
         width = (3.0 * noise).max(3.0 * median).min(width);

@@ -1,4 +1,4 @@
-//! Reused track ids: a tracker may give the id of a lost point to another one. Such a track is split in two.
+//! Reused track ids: a tracker may give the id of a lost point to another point. Such a track is split in two.
 
 use rand::Rng;
 
@@ -68,7 +68,8 @@ mod tests {
     use rand::{RngExt, SeedableRng, rngs::StdRng};
 
     /// Points on a body that turns by 0.1 rad from frame to frame. From frame 12 on, id 3 is another point; 5 % of the
-    /// image points are anywhere. Without the comparison with the frame before, wrong points count as changes.
+    /// image points are anywhere. Fails if points are not also compared with the previous frame: wrong image points
+    /// then count as reused ids.
     #[test]
     fn wrong_image_points_are_no_reused_ids() {
         let mut rng = StdRng::seed_from_u64(7);

@@ -29,7 +29,7 @@ pub struct MeasuredRange {
 /// Least number of measured ranges that give the scale: the median of three is right if one of them is wrong.
 const LEAST_RANGES: usize = 3;
 
-/// Ranges that are off the median by more standard deviations are wrong: those of the background, for example.
+/// Ranges that deviate from the median by more standard deviations are wrong: those of the background, for example.
 const WRONG_RANGE: f64 = 3.0;
 
 /// Why a length does not give the scale.
@@ -59,7 +59,7 @@ impl KnownLength {
     /// A distance from `ID,ID,M`.
     ///
     /// # Errors
-    /// One line that says what would be right.
+    /// A one-line message that states the expected format.
     pub fn distance(text: &str) -> Result<Self, String> {
         let wrong = || {
             format!("'{text}' is not ID,ID,M: two different point ids and a positive distance [m]")
@@ -77,7 +77,7 @@ impl KnownLength {
     /// A range from `ID,M`.
     ///
     /// # Errors
-    /// One line that says what would be right.
+    /// A one-line message that states the expected format.
     pub fn range(text: &str) -> Result<Self, String> {
         let wrong = || format!("'{text}' is not ID,M: a point id and a positive range [m]");
         let (id, length) = text.split_once(',').ok_or_else(wrong)?;
@@ -94,8 +94,8 @@ fn positive(text: &str) -> Option<f64> {
 }
 
 impl Solution {
-    /// Metres per unit of length, if `known` is. The deviation is that of the points; give
-    /// [`super::Options::with_points`] for it.
+    /// Metres per unit of length of the solution, from the length `known`. The deviation follows from the covariances
+    /// of the points, which need [`super::Options::with_points`].
     ///
     /// # Errors
     /// [`ScaleError`] if a point is not known.
@@ -130,11 +130,11 @@ impl Solution {
         })
     }
 
-    /// Metres per unit of length from measured ranges: the mean of those that agree; `None` with fewer than three of them that belong to
-    /// known points in known poses. The deviation is the scatter of the ranges and that of the points; give
-    /// [`super::Options::with_points`] for the latter.
+    /// Metres per unit of length of the solution, from measured ranges: the mean of those that agree. `None` if fewer
+    /// than three ranges belong to known points in known poses. The deviation combines the scatter of the ranges and
+    /// the covariances of the points, which need [`super::Options::with_points`].
     pub fn scale_of_ranges(&self, ranges: &[MeasuredRange]) -> Option<Scale> {
-        // Ratio and its deviation by the points.
+        // Metres per unit of length, and the relative deviation due to the point.
         let ratio = |range: &MeasuredRange| {
             let after = self.poses.partition_point(|p| p.time < range.time);
             let pose = self.poses.get(after).filter(|p| p.time == range.time)?;
@@ -187,7 +187,7 @@ fn deviation_along(vector: &Vector3<f64>, covariance: &Matrix3<f64>) -> f64 {
 }
 
 impl CentreMotion {
-    /// The motion in metres.
+    /// The motion in metres instead of units of the solution.
     pub fn in_metres(&self, scale: &Scale) -> Self {
         let mut both = Vector6::zeros();
         both.fixed_rows_mut::<3>(0).copy_from(&self.position);
@@ -200,7 +200,7 @@ impl CentreMotion {
         }
     }
 
-    /// The motion `later` \[s\] on a straight line.
+    /// The motion after a further `later` \[s\] on a straight line.
     pub fn after(&self, later: f64) -> Self {
         let mut transition = Matrix6::identity();
         for k in 0..3 {

@@ -13,7 +13,7 @@ pub struct SceneObservation {
     pub point: usize,
     /// Image point relative to the principal point \[px\].
     pub pixel: Vector2<f64>,
-    /// Whether it agrees with the fit; an outlier may belong to another point.
+    /// Whether the observation agrees with the fit; an outlier may belong to another point.
     pub inlier: bool,
 }
 
@@ -26,7 +26,8 @@ pub struct Scene {
     pub points: usize,
     frames: Vec<Range<usize>>,
     observations: Vec<SceneObservation>,
-    /// By point: square root of the weight of the prior that depth is 1, per observation \[px\]; see [`DEPTH_DEVIATION`].
+    /// For each point, the square root of the weight of the prior that its depth is 1, per observation \[px\]; see
+    /// [`DEPTH_DEVIATION`].
     anchors: Vec<f64>,
     /// Square root of the weight of the prior on the centre of mass, for a body of unit size \[px\]; see
     /// [`CENTRE_DEVIATION`]. Zero without a prior.
@@ -96,13 +97,13 @@ impl Scene {
         })
     }
 
-    /// From now on the origin of body axes is expected to be within the body, as a centre of mass is: a rotation that
-    /// does not determine it may place it anywhere. `noise` is the image noise \[px\].
+    /// Adds a prior that the origin of body axes, the centre of mass, lies within the body: a rotation that does not
+    /// determine the centre could place it anywhere. `noise` is the image noise \[px\].
     pub fn expect_centre(&mut self, noise: f64) {
         self.centre = noise / CENTRE_DEVIATION;
     }
 
-    /// The prior on the centre of mass of a body with `points`; `None` if nothing is expected of it.
+    /// The prior on the centre of mass of a body with `points`; `None` without [`Scene::expect_centre`].
     pub fn centre_prior(&self, points: &[Vector3<f64>]) -> Option<CentrePrior> {
         let count = points.len().max(1) as f64;
         let mean = points.iter().sum::<Vector3<f64>>() / count;
@@ -116,8 +117,8 @@ impl Scene {
         })
     }
 
-    /// The scene with random errors added to what the fit knows: to the image points, of standard deviation `noise`
-    /// \[px\], and to the expected centre of mass.
+    /// The scene with random errors added to its data: to the image points, of standard deviation `noise` \[px\], and
+    /// to the expected centre of mass.
     pub fn with_random_errors(&self, noise: f64, rng: &mut impl Rng) -> Self {
         let mut normal = || rng.sample::<f64, _>(StandardNormal);
         let mut other = self.clone();
@@ -169,8 +170,8 @@ impl Scene {
     }
 }
 
-/// Prior on the centre of mass, which is the origin of body axes: each point is expected where it would be if the origin
-/// were at the expected place. A point's weight is so small that only the mean of all points is affected.
+/// Prior on the centre of mass, which is the origin of body axes: the expected position of each point is that for an
+/// origin at the expected centre. A point's weight is so small that only the mean of all points is affected.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CentrePrior {
     /// Weight of a point \[px²\].

@@ -12,7 +12,8 @@ const STAGES: usize = 12;
 /// Sensitivities by rows, which fill SIMD registers.
 const ROWS: usize = 3 * PARAMETERS;
 
-/// Momentum in body axes (3), rotation since the beginning of the step as a quaternion (vector, then scalar), and a zero.
+/// Momentum in body axes (3), rotation since the beginning of the step as a quaternion (vector, then scalar), and one
+/// unused zero.
 type AttitudeState = [f64; 8];
 
 /// The attitude at a time, with its sensitivities.

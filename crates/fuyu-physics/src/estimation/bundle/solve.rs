@@ -17,7 +17,7 @@ use super::{LEAST_SHARED, MIN_FRAMES, MIN_POINTS, Options, Solution};
 use crate::estimation::{EstimateError, Tracks, degenerate};
 use crate::vision::Pinhole;
 
-/// Number of times that the assumed noise is doubled, at most, if the tracks do not fit together.
+/// Largest number of doublings of the assumed noise, if the tracks do not fit together.
 const DOUBLINGS: i32 = 4;
 
 /// Number of pairs of neighbouring frames from which the noise is measured, and the ratio to the assumed noise above
@@ -34,20 +34,21 @@ const MOST_OUTLIERS: f64 = 0.3;
 /// Largest accepted ratio of residuals to assumed noise.
 const MOST_NOISE: f64 = 6.0;
 
-/// The same relative to the noise measured between neighbouring frames.
+/// Largest accepted ratio of residuals to the noise measured between neighbouring frames.
 const MOST_MEASURED: f64 = 2.0;
 
-/// The same relative to the residuals of one independent pose per frame.
+/// Largest accepted ratio of residuals to those of one independent pose per frame.
 const AS_INDEPENDENT: f64 = 1.2;
 
-/// Largest ratio of residuals to the noise that is white over time.
+/// Largest ratio of residuals to the white noise at which no further initialisation is tried.
 const AS_WHITE: f64 = 1.35;
 
-/// Above this ratio the solver starts again with other random samples, unless two starts agree to this share.
+/// Ratio of residuals to noise above which the solver starts again with other random samples, unless the residuals of
+/// two starts agree to the second fraction.
 const WELL: f64 = 1.06;
 const AGREE: f64 = 0.01;
 
-/// Largest accepted ratio of residuals to the noise that is white over time, after all starts.
+/// Largest accepted ratio of residuals to the white noise, after all starts.
 const MOST_AS_WHITE: f64 = 1.5;
 
 /// An outlier counts as a residual of this many times the noise.
@@ -62,8 +63,8 @@ const SEGMENTS: usize = 6;
 /// Tracks that last fewer frames on average rarely allow a structure to be reconstructed.
 const SHORT_TRACK: usize = 6;
 
-/// If only the last part of the frames is one motion: its reference time as a share of the whole time, and the least
-/// share that this part must have.
+/// If only the last part of the frames fits one motion: its reference time as a fraction of the whole time, and the
+/// least fraction that this part must cover.
 const LAST: f64 = 0.97;
 const LEAST_SHARE: f64 = 0.1;
 
@@ -87,7 +88,7 @@ pub(super) fn solve(
     let mut best: Option<GlobalFit> = None;
     let mut resected = 0;
     let observations: usize = frames.list.iter().map(|f| f.observations.len()).sum();
-    // Larger residuals come from a wrong fit.
+    // A correct fit to exact tracks leaves smaller residuals than this minimum.
     let assumed = options.pixel_noise.max(1e-3);
     let measured = noise_of_neighbours(&frames, assumed);
     if measured > NOT_RIGID * assumed {
@@ -96,7 +97,8 @@ pub(super) fn solve(
             frames: frames.list.len(),
         });
     }
-    // Noise that is white over time is known without a motion; neighbouring frames with few points show less of it.
+    // White noise is measured without a motion model; noise between neighbouring frames with few points is
+    // underestimated.
     let white = white_noise(tracks);
     let measured = white.map_or(measured, |white| white.max(measured.min(white * 1.3)));
     let first = match measured < NOISIER * assumed {
@@ -127,14 +129,14 @@ pub(super) fn solve(
             Initialisation::RateSearch(0),
         ],
     };
-    // Larger residuals than the noise that is white over time are those of another minimum, or of what the model lacks.
+    // Residuals above the white noise indicate another minimum, or an unmodelled effect.
     let as_white = |b: &GlobalFit, most: f64| {
         white.is_none_or(|white| b.residuals.deviation < most * white.max(assumed))
     };
     let fits_noise = |b: &GlobalFit| as_white(b, AS_WHITE);
-    // No start may have found the motion, or it is none that the model knows.
+    // Otherwise no start has found the motion, or the model does not contain it.
     let explained = |b: &GlobalFit| as_white(b, MOST_AS_WHITE);
-    // A little larger ones may be as well.
+    // Slightly larger residuals may also come from another minimum.
     let fits_well =
         |b: &GlobalFit| b.residuals.deviation < WELL * white.unwrap_or(first).max(assumed);
     let mut searched_reused_ids = false;
@@ -155,7 +157,8 @@ pub(super) fn solve(
         if !is_again && best.as_ref().is_some_and(|b| held && fits_noise(b)) {
             break;
         }
-        // Structure with a higher noise adds nothing once most frames are resected, and little if tracks are short.
+        // Structure with a higher assumed noise adds nothing once most frames are resected, and little if tracks are
+        // short.
         let lasting = observations >= SHORT_TRACK * frames.ids.len();
         let enough = 4 * resected >= 3 * frames.list.len() || !lasting;
         if initialisation == Initialisation::Structure && enough && noise > first && best.is_none()
@@ -250,8 +253,8 @@ fn noise_of_neighbours(frames: &Frames, assumed: f64) -> f64 {
     noises.get(noises.len() / 2).map_or(0.0, |n| n / angle)
 }
 
-/// Solves with one initialisation and one noise. If quickly built structure gives no good result, it is built again
-/// thoroughly.
+/// Solves with one initialisation and one noise. If quickly reconstructed structure gives no good result, it is
+/// reconstructed again thoroughly.
 fn attempt(
     frames: &Frames,
     initialisation: Initialisation,
@@ -286,10 +289,10 @@ fn attempt(
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Initialisation {
     Structure,
-    /// The same with other random samples, of this number.
+    /// [`Self::Structure`] with this number added to the seed of the random samples.
     OtherSamples(u64),
     RelativeRotation,
-    /// A search that begins in the window of this rank.
+    /// [`search_rates`] with this rank of the first window.
     RateSearch(usize),
 }
 
@@ -298,12 +301,11 @@ enum Initialisation {
 enum Thoroughness {
     /// Half of the first segment.
     Quick,
-    /// Nearly all remaining frames; otherwise the largest of all windows.
+    /// Nearly all remaining frames; otherwise the largest segment of all windows is accepted.
     Thorough,
 }
 
-/// Refuses tracks with too few frames or too few common points.
-/// Returns the largest number of common points.
+/// Refuses tracks with too few frames or too few common points. Returns the largest number of common points.
 fn check(frames: &Frames) -> Result<usize, EstimateError> {
     let have = frames
         .list
@@ -328,8 +330,8 @@ fn check(frames: &Frames) -> Result<usize, EstimateError> {
     Ok(most)
 }
 
-/// The fit that starts from structure, and whether that has several segments. Raises `resected` to the number of frames
-/// with a pose.
+/// The fit that starts from reconstructed segments, and whether there are several. Raises `resected` to the number of
+/// frames with a pose.
 fn from_structure(
     mut frames: Frames,
     settings: &SolverSettings,
@@ -415,8 +417,8 @@ fn motion_of_segments(frames: &Frames, segments: &[Segment]) -> Option<AttitudeF
             })
         })
         .collect();
-    // Near the separatrix the reference time matters: best while the body turns over. If that does not help either, the
-    // frames do not show one motion, and their last part counts.
+    // Near the separatrix the reference time matters: best while the body turns over. If no reference time gives a fit,
+    // the frames do not show one motion, and only their last part is used.
     let mut best: Option<AttitudeFit> = None;
     for along in [0.5, fastest_tumbling(&rates), LAST] {
         let found = fit_inertia_and_momentum(&rates, along)

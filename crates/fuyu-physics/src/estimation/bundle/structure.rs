@@ -65,14 +65,14 @@ impl Segment {
         self.poses.iter().flatten().count()
     }
 
-    /// Whether the noise explains the residuals.
+    /// Whether the assumed noise explains the residuals.
     fn fits_noise(&self, settings: &SolverSettings) -> bool {
         self.rms < 1.7 * settings.noise
     }
 }
 
-/// The largest segment of the `open` frames that can be reconstructed. `before` is the number of frames of the first
-/// segment, if half of that is enough. Updates the inliers of the frames that it resects.
+/// The largest segment of the `open` frames that can be reconstructed. With `before`, the number of frames of the first
+/// segment, half as many frames are enough. Updates the inliers of the frames that it resects.
 pub fn reconstruct(
     frames: &mut Frames,
     open: &[usize],
@@ -119,8 +119,8 @@ pub fn reconstruct(
     Some(segment)
 }
 
-/// The scene of the `chosen` frames, with the tracks for which `wanted` holds and that at least `least` of them show;
-/// and the track of each point.
+/// The scene of the `chosen` frames, with the tracks that `wanted` selects and that at least `least` of these frames
+/// show; and the track of each point.
 pub fn scene_of(
     frames: &Frames,
     chosen: &[usize],
@@ -325,7 +325,7 @@ fn adjust_segment(
     let (mut scene, tracks) = scene_of(frames, &chosen, known, settings.noise, 2);
     let mut points: Vec<_> = tracks.iter().filter_map(|t| segment.points[*t]).collect();
     let poses = chosen.iter().filter_map(|i| segment.poses[*i]).collect();
-    // A few frames do not determine it.
+    // A few frames do not determine the focal length.
     let focal_deviation = match chosen.len() {
         ..=12 => 0.0,
         _ => settings.widths.focal,
@@ -337,7 +337,7 @@ fn adjust_segment(
     let adjust_options = AdjustOptions {
         likelihood: PixelLikelihood::Huber(4.0 * settings.noise),
         steps,
-        // The global adjustment refines it.
+        // The global adjustment refines the result.
         tolerance: 1e-3,
     };
     adjust(&scene, &mut motion, &mut points, &adjust_options)?;

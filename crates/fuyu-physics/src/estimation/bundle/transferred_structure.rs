@@ -11,8 +11,8 @@ use super::structure::{Segment, SolverSettings, scene_of};
 /// The point of each track (body axes) and the body's position in each frame (camera axes), where known.
 pub type PointsAndPositions = (Vec<Option<Vector3<f64>>>, Vec<Option<Vector3<f64>>>);
 
-/// Transfers the points of a segment to the motion's body axes; `turn` takes segment axes to these. Positions and missing
-/// points are computed from the motion's attitudes.
+/// Transfers the points of a segment to the motion's body axes; `turn` is the rotation from segment axes to body axes.
+/// Positions and missing points are computed from the motion's attitudes.
 pub fn transfer_structure(
     frames: &Frames,
     segment: &Segment,

@@ -11,7 +11,7 @@ use crate::estimation::{MotionEstimate, MotionModel};
 /// A difference of fewer standard deviations is not significant.
 const SIGNIFICANT: f64 = 3.0;
 
-/// The images determine a value if they reduce its standard deviation to less than this share.
+/// The images determine a value if its posterior standard deviation is less than this fraction of the prior's.
 const MEASURED: f64 = 0.5;
 
 /// The motion with its covariance, and remarks for the user.
@@ -87,14 +87,14 @@ fn nutation_significance(state: &MotionState) -> f64 {
     let by_momentum = across * R * inverse * R.transpose() - turned;
     slope.fixed_columns_mut::<3>(8).copy_from(&by_momentum);
     let spread = slope * covariance * slope.transpose();
-    // Only the plane across the momentum is tested; this makes the matrix regular along it.
+    // Only the plane across the momentum is tested; this term makes the matrix regular along the momentum.
     let tested = spread + along * along.transpose() * spread.trace().max(f64::MIN_POSITIVE);
     tested
         .try_inverse()
         .map_or(0.0, |i| off.dot(&(i * off)).max(0.0).sqrt())
 }
 
-/// The motion of a state as an estimate with RMS residual `rms`. `None` if the body does not rotate.
+/// The motion of a state as an estimate with RMS residual `rms`, and remarks. `None` if the body does not rotate.
 pub fn report_of_state(state: &MotionState, rms: f64) -> Option<Report> {
     let motion = &state.motion;
     let w = motion.w_WB_B(&motion.R_WB);
@@ -147,8 +147,8 @@ pub fn report_of_state(state: &MotionState, rms: f64) -> Option<Report> {
     })
 }
 
-/// The fitted motion as an estimate. `focal` is the logarithm of the focal length over its nominal value, with its
-/// standard deviation. `None` if the body does not rotate.
+/// The fitted motion as an estimate, and remarks. `focal` is the logarithm of the focal length over its nominal value,
+/// with its standard deviation. `None` if the body does not rotate.
 pub fn report(
     state: &MotionState,
     residuals: &Residuals,

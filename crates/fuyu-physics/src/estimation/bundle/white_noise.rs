@@ -1,7 +1,7 @@
 //! Noise of image points that is independent from frame to frame, measured without a model of the motion.
 //!
-//! High differences of a track over time cancel smooth motion and leave the noise. They show noise only, and no motion,
-//! if differences of third and fifth order agree on its size.
+//! High-order differences of a track over time cancel smooth motion and leave the noise. If third and fifth differences
+//! give the same noise, the motion has been cancelled.
 
 use crate::estimation::Tracks;
 use crate::vision::FeatureFrame;
@@ -55,7 +55,7 @@ pub fn white_noise(tracks: &Tracks) -> Option<f64> {
     (fifth? > AGREEING * third?).then_some(fifth?)
 }
 
-/// Image points of one id in all frames.
+/// Image points of one id in all frames of `window`; `None` if one lacks it.
 fn course(window: &[FeatureFrame], id: u64) -> Option<[[f64; 2]; FIFTH.len()]> {
     let mut track = [[0.0; 2]; FIFTH.len()];
     for (pixel, frame) in track.iter_mut().zip(window) {

@@ -1,9 +1,9 @@
 //! Identification from gyro, attitude and joint encoders.
 //!
-//! With the momentum `p`, `h` of the robot about its base's origin relative to which all velocities are taken, its
-//! mass `M` and first moment `S`, and with the grasp frame's position `r`, rotation `R`, velocity `u` and angular
-//! velocity `w`, the angular momentum about the common centre of mass is linear in `β = (m', c', I')`, `m' = m/(M +
-//! m)`, `c' = mc/(M + m)`, `I' = I - [mc]ᵀ[mc]/(M + m)`:
+//! Let `p`, `h`, `M`, `S` be the robot's linear momentum, angular momentum, mass and first moment, with moments about
+//! the base's origin and velocities relative to it, and `r`, `R`, `u`, `w` the grasp frame's position, rotation,
+//! velocity and angular velocity. The angular momentum about the common centre of mass is then linear in `β = (m', c',
+//! I')`, where `m' = m/(M + m)`, `c' = mc/(M + m)`, `I' = I - [mc]ᵀ[mc]/(M + m)`:
 //!
 //! ```text
 //! L = h - S × p / M + (M r × u - r × p - S × u + S × p / M) m'
@@ -11,10 +11,10 @@
 //! ```
 //!
 //! In inertial axes this angular momentum is constant (Y. Murotsu, K. Senda, M. Ozaki and S. Tsujio, Parameter
-//! identification of unknown object handled by free-flying space robot, J. Guidance, Control, and Dynamics 17, 1994, use
-//! conservation of momentum; this form needs no velocity of the base). It is linear in the gyro's measurement, too, so that
-//! a model predicts the measurement: [`identify`] solves the linear equations, then minimises the error of the predicted
-//! gyro rate by the Gauss-Newton method. For white noise of the gyro this is the maximum-likelihood
+//! identification of unknown object handled by free-flying space robot, J. Guidance, Control, and Dynamics 17, 1994,
+//! use conservation of momentum; the form above needs no velocity of the base). It is also linear in the gyro's
+//! measurement, which a model can therefore predict: [`identify`] solves the linear equations, then minimises the error
+//! of the predicted gyro rate by the Gauss-Newton method. For white noise of the gyro this is the maximum-likelihood
 //! estimate, whose covariance is the Cramér-Rao bound.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6xX, SMatrix, SVector, UnitQuaternion, Vector3};
@@ -56,17 +56,17 @@ pub struct Identified {
     pub inertia: InertiaParameters,
     /// Its covariance: the Cramér-Rao bound.
     pub covariance: InertiaCovariance,
-    /// Angular momentum of robot and target about their centre of mass, inertial axes \[N m s\]; as given if it was
-    /// known.
+    /// Angular momentum of robot and target about their centre of mass, inertial axes \[N m s\]; the given one if it
+    /// was known.
     pub momentum: Vector3<f64>,
-    /// How well the motion determines it.
+    /// Excitation of the parameters by the motion.
     pub excitation: Excitation,
     /// Root mean square of the residuals of the gyro's measurements \[rad/s\].
     pub residual: f64,
 }
 
-/// Angular momentum of one sample: `constant + linear β`, for joints and wheels that move and a base that does not turn,
-/// and for a base that turns at unit rate about each axis with both at rest.
+/// Angular momentum of one sample as `constant + linear β`: the part of moving joints and wheels on a base that does
+/// not turn, and the parts of a base that turns at unit rate about each axis with joints and wheels at rest.
 struct Momentum {
     R_WB: Matrix3<f64>,
     measured: Vector3<f64>,
@@ -88,7 +88,7 @@ impl Momentum {
         }
     }
 
-    /// Coefficients of `β`, and the part without, for a base that turns at `w`; base axes.
+    /// The constant part, and the coefficients of `β`, for a base that turns at `w`; base axes.
     fn at(&self, w: &Vector3<f64>) -> (Vector3<f64>, SMatrix<f64, 3, 10>) {
         let (mut constant, mut linear) = self.own;
         for (i, (c, l)) in self.turning.iter().enumerate() {
@@ -103,7 +103,7 @@ impl Momentum {
         Matrix3::from_columns(&self.turning.each_ref().map(|(c, l)| c + l * beta))
     }
 
-    /// The gyro's measurement that follows from parameters and momentum, and its derivatives with respect to both.
+    /// The gyro's measurement predicted from parameters and momentum, and its derivatives with respect to both.
     fn predicted(
         &self,
         beta: &SVector<f64, 10>,
@@ -210,7 +210,7 @@ pub fn identify(
         scaled.check()?;
         let step = scaled.solve(&error);
         solution += &step;
-        // Relative to the lengths of the parameters: their product with the columns is what the gyro sees.
+        // Relative to the sizes of the parameters, since the gyro sees their products with the columns.
         let size = step
             .iter()
             .zip(&solution)

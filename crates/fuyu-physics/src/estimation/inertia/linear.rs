@@ -2,14 +2,14 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// Singular values below this, relative to the largest with all columns scaled to the same size, are those of what
-/// data do not determine.
+/// Relative singular value, with all columns scaled to the same size, below which a combination of unknowns is not
+/// determined.
 const DEPENDENT: f64 = 1e-9;
 
 /// How well data determine the unknowns.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Excitation {
-    /// How many combinations of the unknowns they determine.
+    /// Number of combinations of the unknowns that the data determine.
     pub rank: usize,
     /// Number of unknowns.
     pub unknowns: usize,

@@ -17,8 +17,8 @@ pub(super) const MIN_RATES: usize = 8;
 /// Scatter below this share of the angular velocity is rounding error.
 const CONSTANT: f64 = 1e-9;
 
-/// How far the largest moment may exceed the sum of the others, as a share of it, before the result is
-/// refused: noise may push a flat body beyond the triangle inequality.
+/// Largest excess of the largest moment over the sum of the others, relative to the sum, before the result is refused:
+/// noise may push a flat body beyond the triangle inequality.
 const TRIANGLE_SLACK: f64 = 0.1;
 
 /// Analysis of the angular velocities before a model is fitted, and the choice of the model.
@@ -28,7 +28,7 @@ pub struct Analysis {
     pub plane: InvariablePlane,
     /// Mean angular velocity in camera axes \[rad/s\].
     pub mean: Vector3<f64>,
-    /// RMS deviation from it, `sigma_v` \[rad/s\].
+    /// RMS deviation from the mean, `sigma_v` \[rad/s\].
     pub scatter: f64,
     /// The spectrum of `|w|²`.
     pub spectrum: Spectrum,

@@ -1,9 +1,9 @@
 //! The estimation of Masutani 1995 chapter 2, as published, with misprints corrected.
 //!
 //! Angular velocities between consecutive views ([`rates_from_tracks`]) lie in the invariable plane. The waveform of
-//! `|w|²` and the mean rate of the herpolhode give the moments. One of four models is chosen by comparison with the noise.
-//! The method is fast and needs no start and no body model. It does not tolerate outliers, uneven sampling or a camera
-//! that rotates.
+//! `|w|²` and the mean rate of the herpolhode give the moments. One of four models is chosen by comparison with the
+//! noise. The method is fast and needs neither initial values nor a body model. It does not tolerate outliers, uneven
+//! sampling or a camera that rotates.
 
 mod analysis;
 mod error;
@@ -23,7 +23,7 @@ pub use waveform::{Pulse, Waveform};
 /// Thresholds of the algorithm; the defaults are those of Masutani 1995 table 3.1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// `Theta_abs`: a spectral component above this share of the main one makes that ambiguous.
+    /// `Theta_abs`: a spectral component above this fraction of the main one makes the main one ambiguous.
     pub rival: f64,
     /// `Theta_near`: bins up to this far from the main one belong to it.
     pub neighbourhood: f64,

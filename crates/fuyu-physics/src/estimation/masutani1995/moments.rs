@@ -15,7 +15,7 @@ pub(super) struct Observed {
 }
 
 impl Observed {
-    /// `J_x, J_y, J_z` of the asymmetric model. A body need not have them.
+    /// `J_x, J_y, J_z` of the asymmetric model; not necessarily moments that a body can have.
     ///
     /// The quadratic (2.38) is solved in the form without cancellation where its leading coefficient vanishes,
     /// at `alpha = 2 J_z` (E.9). There is a second admissible root only if that coefficient is

@@ -83,9 +83,9 @@ impl MeanPrecession {
         })
     }
 
-    /// The same for a herpolhode that is a circle, as in the axisymmetric model. If its radius is not larger than the
-    /// noise, unwrapping to the sample before slips by whole revolutions and changes the mean rate. So each angle is
-    /// unwrapped to a line: initially that of the rate with the strongest correlation.
+    /// [`MeanPrecession::fit`] for a circular herpolhode, as in the axisymmetric model. If its radius is not larger
+    /// than the noise, unwrapping to the previous sample slips by whole revolutions and changes the mean rate. So each
+    /// angle is unwrapped to a line: initially the line of the rate with the strongest correlation.
     pub fn unwrapped_to_line(rates: &[Rate], plane: &InvariablePlane) -> Self {
         let mut line = Self::rough(rates, plane);
         for _ in 0..ROUNDS {

@@ -16,7 +16,7 @@ pub struct Spectrum {
     pub magnitudes: Vec<f64>,
     /// Bin of the largest magnitude.
     pub bin: usize,
-    /// Largest magnitude outside the neighbourhood of the main component, as a share of that.
+    /// Largest magnitude outside the neighbourhood of the main component, as a fraction of the main magnitude.
     pub rival: f64,
     /// Period `T` of the main component \[s\], from the parabola through three bins, (D.7)-(D.12).
     pub period: f64,

@@ -1,4 +1,4 @@
-//! Shapes for contact: the `<collision>` elements of a robot description.
+//! Collision shapes: the `<collision>` elements of a robot description.
 
 use nalgebra::Vector3;
 use roxmltree::Node;
@@ -12,7 +12,7 @@ use crate::spatial::Pose;
 pub struct CollisionElement {
     /// The link.
     pub link: String,
-    /// Its name, if it has one.
+    /// Its name, if given.
     pub name: Option<String>,
     /// Pose of the shape's frame in the link.
     pub X_LC: Pose,
@@ -49,21 +49,21 @@ pub enum CollisionGeometry {
     },
     /// A mesh in a file, of which physics uses the convex hull.
     Mesh {
-        /// Path or URL, as the description has it.
+        /// Path or URL, as in the description.
         filename: String,
-        /// Factors of its coordinates.
+        /// Scale factors of the coordinates.
         scale: Vector3<f64>,
     },
 }
 
 impl CollisionElement {
-    /// All `<collision>` elements of the robot description `xml`; `source` names it in messages. Links and joints
-    /// are those that [`Model::from_urdf`](crate::model::Model::from_urdf) or
-    /// [`Model::repaired_from_urdf`](crate::model::Model::repaired_from_urdf) checks. An element with several
-    /// shapes gives several.
+    /// All `<collision>` elements of the robot description `xml`; `source` names it in messages. Links and joints are
+    /// not checked here, but by [`Model::from_urdf`](crate::model::Model::from_urdf) or
+    /// [`Model::repaired_from_urdf`](crate::model::Model::repaired_from_urdf). An element with several shapes gives
+    /// several entries.
     ///
     /// # Errors
-    /// [`UrdfError`] for a length that is not positive, and for text that is no number.
+    /// [`UrdfError`] for a length that is not positive, and for text that is not a number.
     ///
     /// ```
     /// use fuyu_physics::model::{CollisionElement, CollisionGeometry};
@@ -107,7 +107,7 @@ impl CollisionElement {
 }
 
 impl Source<'_> {
-    /// The shape of an element; `None` if it is none that is known.
+    /// The shape of an element; `None` if the shape is unknown.
     fn shape(&self, shape: Node) -> Checked<Option<CollisionGeometry>> {
         let length = |attribute, missing| self.positive(shape, attribute, missing);
         let radius = || length("radius", "attribute 'radius'");

@@ -1,4 +1,4 @@
-//! Links and joints of a robot description, as it states them.
+//! Links and joints as stated in a robot description.
 
 use std::collections::HashMap;
 
@@ -58,20 +58,20 @@ pub(super) struct JointElement {
 pub(super) enum Kind {
     Fixed,
     Moving(JointKind),
-    /// A type of URDF with several degrees of freedom.
+    /// A URDF type with several degrees of freedom.
     Several(String),
 }
 
 /// The `<mimic>` of a joint.
 pub(super) struct MimicElement {
-    /// The joint that is followed.
+    /// The leading joint.
     pub joint: String,
     pub ratio: f64,
     pub offset: f64,
     pub at: usize,
 }
 
-/// What `<robot>` may hold besides links and joints without a warning.
+/// Elements that `<robot>` may hold besides links and joints without a warning.
 const OF_ROBOT: [&str; 8] = [
     "link",
     "joint",
@@ -83,7 +83,7 @@ const OF_ROBOT: [&str; 8] = [
     "visual",
 ];
 
-/// What `<link>` may hold without a warning: contacts and sensors are those of other programs.
+/// Elements that `<link>` may hold without a warning: contacts and sensors are for other programs.
 const OF_LINK: [&str; 7] = [
     "inertial",
     "visual",
@@ -159,7 +159,7 @@ impl Source<'_> {
         })
     }
 
-    /// The shape of a link has no effect, but one that is not known is likely to be a mistake.
+    /// Checks the geometry of a `<visual>`: it has no effect, but an unknown one is likely to be a mistake.
     fn check_geometry(&self, visual: Node) -> Checked<()> {
         let known = |n: &Node| {
             let tag = n.tag_name().name();
@@ -232,7 +232,7 @@ impl Source<'_> {
                 if !self.repairs() {
                     return Err(self.error(joint, problem));
                 }
-                // At a root without mass it is the motion of the base.
+                // At a root without mass, this joint's motion is the motion of the base.
                 Kind::Several(known.to_owned())
             }
             other => return Err(self.error(joint, UrdfProblem::JointType(other.to_owned()))),
@@ -257,7 +257,7 @@ impl Source<'_> {
             damping = self.number(dynamics, "damping")?.unwrap_or_default();
             friction = self.number(dynamics, "friction")?.unwrap_or_default();
             let known = ["damping", "friction"];
-            // Simulators add attributes of their own, which are accepted next to these, but not instead of them.
+            // Simulators add their own attributes, which are accepted in addition to these, but not instead of them.
             if !known.iter().any(|&a| dynamics.has_attribute(a)) {
                 self.only_attributes(dynamics, &known)?;
             }
@@ -288,7 +288,7 @@ impl Source<'_> {
         })
     }
 
-    /// The limits; infinite where none are stated and that may be repaired.
+    /// The limits; infinite where they are missing and may be repaired.
     fn limits(&self, limit: Node, version: (u32, u32)) -> Checked<JointLimits> {
         let known = [
             "lower",
@@ -305,7 +305,8 @@ impl Source<'_> {
             self.number(limit, unused)?;
         }
         let (low, high) = (self.number(limit, lower)?, self.number(limit, upper)?);
-        // Since URDF 1.2 missing limits mean unlimited; before, effort and velocity are required, and ends of the range are 0.
+        // Since URDF 1.2, missing limits mean unlimited; before, effort and velocity are required, and missing ends of
+        // the range are 0.
         let actuator = |name: &str, missing| match self.number(limit, name)? {
             Some(stated) => Ok(stated),
             None if version >= (1, 2) => Ok(f64::INFINITY),

@@ -23,9 +23,10 @@ pub(super) struct Source<'a> {
 
 pub(super) type Checked<T> = Result<T, UrdfError>;
 
-/// The text of a robot description without what is no XML, but other programs accept: blank lines before the declaration, and
-/// text after the last element. Lines keep their numbers. [`Model::repaired_from_urdf`](crate::model::Model::repaired_from_urdf) does
-/// this itself; programs that forward the text need it.
+/// The text of a robot description without non-XML text that other programs accept: blank lines before the declaration,
+/// and text after the last element. Lines keep their numbers.
+/// [`Model::repaired_from_urdf`](crate::model::Model::repaired_from_urdf) does this itself; programs that forward the
+/// text need this function.
 pub fn without_surroundings(xml: &str) -> Cow<'_, str> {
     let (start, end) = (xml.find("<?xml"), xml.rfind("</robot>"));
     let mut text = Cow::Borrowed(xml);
@@ -47,7 +48,7 @@ pub fn without_surroundings(xml: &str) -> Cow<'_, str> {
 }
 
 impl<'a> Source<'a> {
-    /// Parses the XML. With `repairs`, mistakes that can be repaired are not errors.
+    /// Parses the XML. With `repairs`, repairable mistakes are not errors.
     pub fn parse(xml: &'a str, name: &'a str, repairs: bool) -> Checked<Self> {
         let doc = Document::parse(xml).map_err(|e| UrdfError {
             source_name: name.to_owned(),
@@ -70,7 +71,7 @@ impl<'a> Source<'a> {
         self.repairs.is_some()
     }
 
-    /// Notes the repair `kind` of the link or joint `name` at byte offset `at`; an error if nothing may be repaired.
+    /// Records the repair `kind` of the link or joint `name` at byte offset `at`; an error if repairs are not allowed.
     pub fn repair_at(
         &self,
         at: usize,
@@ -85,7 +86,7 @@ impl<'a> Source<'a> {
         Ok(())
     }
 
-    /// Notes a repair that no error would replace, if repairs are made.
+    /// Records a repair for a deviation that strict mode accepts, if repairs are made.
     pub fn note_at(&self, at: usize, name: &str, kind: RepairKind) {
         if let Some(repairs) = &self.repairs {
             repairs.borrow_mut().push(Repair {
@@ -103,7 +104,7 @@ impl<'a> Source<'a> {
         self.repair_at(at, name.unwrap_or_default(), kind, || self.error(node, or))
     }
 
-    /// Everything that was repaired, in the order of the document.
+    /// All repairs, in the order of the document.
     pub fn into_repairs(self) -> Vec<Repair> {
         let mut repairs = self.repairs.map(RefCell::into_inner).unwrap_or_default();
         repairs.sort_by_key(|repair| repair.line);
@@ -120,13 +121,13 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// The line that holds byte offset `at`, counted from 1.
+    /// The line that contains byte offset `at`, counted from 1.
     pub fn line(&self, at: usize) -> u32 {
         let row = 1 + self.line_starts.partition_point(|&start| start <= at);
         u32::try_from(row).unwrap_or(u32::MAX)
     }
 
-    /// An error at `node`, about the link or joint that holds it.
+    /// An error at `node`, about the link or joint that contains it.
     pub fn error(&self, node: Node, problem: UrdfProblem) -> UrdfError {
         let element = holder(node).map(|n| {
             let name = n.attribute("name").unwrap_or_default();
@@ -205,7 +206,8 @@ impl<'a> Source<'a> {
                 wanted,
             }
         };
-        // Other programs accept commas between several numbers, punctuation behind one, and more numbers than they use.
+        // Other programs accept commas between several numbers, punctuation after a number, and more numbers than they
+        // use.
         let is_separator = |c: char| c.is_whitespace() || (N > 1 && c == ',');
         let words = value.split(is_separator).filter(|word| !word.is_empty());
         let plain = |word: &str| parsed(word.trim_end_matches(['.', ',', ';']));
@@ -272,7 +274,7 @@ impl<'a> Source<'a> {
     }
 }
 
-/// The link or joint that holds `node`, or is it.
+/// The link or joint that contains `node`, or `node` itself.
 fn holder<'n, 'i>(node: Node<'n, 'i>) -> Option<Node<'n, 'i>> {
     node.ancestors()
         .find(|n| matches!(n.tag_name().name(), "link" | "joint") && n.has_attribute("name"))

@@ -3,8 +3,7 @@
 use crate::spatial::InertiaError;
 use std::fmt;
 
-/// Why a robot description was rejected. Displays as one line:
-/// `robot.urdf:12: link 'arm': <mass> value="-3" ...`.
+/// Why a robot description was refused. Displays as one line: `robot.urdf:12: link 'arm': <mass> value="-3" ...`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UrdfError {
     /// Name of the description, as given to [`Model::from_urdf`](super::super::Model::from_urdf).
@@ -13,7 +12,7 @@ pub struct UrdfError {
     pub line: Option<u32>,
     /// The link or joint at fault, such as `joint 'elbow'`.
     pub element: Option<String>,
-    /// What is wrong with it.
+    /// The problem.
     pub problem: Box<UrdfProblem>,
 }
 
@@ -32,7 +31,7 @@ impl fmt::Display for UrdfError {
 
 impl std::error::Error for UrdfError {}
 
-/// What is wrong with an element of a robot description, and what would be right.
+/// A problem of an element of a robot description; its message also states the remedy.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum UrdfProblem {
@@ -69,9 +68,9 @@ pub enum UrdfProblem {
     /// A required element or attribute is missing.
     #[error("<{element}> has no {missing}")]
     Missing {
-        /// The element that should hold it.
+        /// The element that should contain it.
         element: String,
-        /// What is missing, as it would be written.
+        /// The missing element or attribute, as it would be written.
         missing: &'static str,
     },
     /// An element that may occur once occurs twice.
@@ -80,11 +79,11 @@ pub enum UrdfProblem {
     /// An unknown element or attribute, which would be ignored silently.
     #[error("<{element}> cannot hold {found}; it may hold {allowed}")]
     Unknown {
-        /// The element that holds it.
+        /// The element that contains it.
         element: String,
-        /// What it holds.
+        /// The unknown element or attribute.
         found: String,
-        /// What it may hold.
+        /// The elements or attributes that it may contain.
         allowed: String,
     },
     /// An attribute that must be a number, or several.
@@ -96,7 +95,7 @@ pub enum UrdfProblem {
         attribute: String,
         /// Its value.
         value: String,
-        /// What would be right.
+        /// The expected format.
         wanted: &'static str,
     },
     /// An element whose text must be a number.
@@ -106,7 +105,7 @@ pub enum UrdfProblem {
         element: String,
         /// Its text.
         value: String,
-        /// What would be right.
+        /// The expected format.
         wanted: &'static str,
     },
     /// A spring for a joint that does not exist.
@@ -127,7 +126,7 @@ pub enum UrdfProblem {
     Quaternion {
         /// The attribute.
         value: String,
-        /// What is wrong with it.
+        /// The problem.
         reason: &'static str,
     },
     /// Two links or two joints with one name.
@@ -185,9 +184,9 @@ pub enum UrdfProblem {
         "{count} links have no parent ({names}); a robot is a tree with one root: join the others to it"
     )]
     SeveralRoots {
-        /// How many.
+        /// Number of these links.
         count: usize,
-        /// Which.
+        /// Names of these links.
         names: String,
     },
     /// Mass properties that no body can have.

@@ -1,4 +1,4 @@
-//! Joint springs, which URDF does not have, from Gazebo's extension of it.
+//! Joint springs from Gazebo's extension of URDF, which itself has none.
 //!
 //! `<gazebo reference="JOINT"><springStiffness>K</springStiffness><springReference>Q0</springReference></gazebo>`
 //! is read by Gazebo Classic and gz-sim. Everything else in `<gazebo>` is ignored.

@@ -11,14 +11,14 @@ use super::repair::RepairKind;
 pub(super) struct LinkTree {
     /// The link without a parent.
     pub root: usize,
-    /// Per link, the joints whose parent it is, in document order.
+    /// For each link, the joints whose parent it is, in document order.
     pub child_joints: Vec<Vec<usize>>,
-    /// Per joint, its child link.
+    /// For each joint, its child link.
     pub child_link: Vec<usize>,
 }
 
 impl LinkTree {
-    /// Finds the tree, or the reason why there is none.
+    /// Finds the tree, or returns the reason why there is none.
     pub fn find(source: &Source, robot: &Description) -> Result<Self, UrdfError> {
         let joint_error = |j: usize, problem| {
             let element = subject("joint", &robot.joints[j].name);
@@ -109,7 +109,7 @@ impl LinkTree {
             stack.extend(child_joints[link].iter().map(|&j| child_link[j]));
         }
         if let Some(unreached) = reached.iter().position(|r| !r) {
-            // Every unreached link has a parent, so that following parents from one ends in a cycle.
+            // Every unreached link has a parent, so following parents from one of them ends in a cycle.
             let parent = |i: usize| moved_by[i].map_or(i, |j| link_index[&*robot.joints[j].parent]);
             let mut on_cycle = unreached;
             for _ in 0..robot.links.len() {

@@ -1,4 +1,5 @@
-//! Which joints of a description move: mimic joints and the joints that they follow, and joints that move no mass.
+//! Mobility of the joints of a description: mimic joints and their leaders, and joints that are held because they move
+//! no mass.
 
 use std::collections::HashMap;
 
@@ -13,20 +14,20 @@ use crate::model::coupling::Follow;
 use crate::model::{Coupling, JointKind};
 use crate::spatial::Pose;
 
-/// Joints of a cycle that an error names.
+/// Largest number of joints of a cycle that an error names.
 const MOST_NAMED: usize = 12;
 
-/// How the joints of a description move, by their index in it.
+/// Mobility of the joints of a description, by joint index.
 pub(super) struct Mobility {
-    /// The joint, by its index as `coordinate`, that a joint follows; joints that follow none are their own.
+    /// Coupling of each joint to its leader, whose joint index is `coordinate`; a joint without a leader is its own.
     pub couplings: Vec<Coupling>,
-    /// Position at which a joint is held that does not move.
+    /// For a held joint, the position at which it is held.
     pub held: Vec<Option<f64>>,
-    /// Per joint, those that follow it, and itself unless it follows another one.
+    /// For each joint, those that follow it, and itself unless it follows another one.
     group: Vec<Vec<usize>>,
 }
 
-/// Links welded to each other, and the joints from them.
+/// Links welded to each other, and the moving joints from them.
 struct Welded {
     mass: f64,
     /// Moving joints, and the poses of their frames in the frame of the first link.
@@ -34,7 +35,7 @@ struct Welded {
 }
 
 impl Compiler<'_> {
-    /// Finds how the joints move; `mass` is that of each link.
+    /// Determines the mobility of the joints; `mass` is the mass of each link.
     pub(super) fn mobility(&self, mass: &[f64]) -> Checked<Mobility> {
         let joints = &self.robot.joints;
         let couplings = self.couplings()?;
@@ -75,7 +76,7 @@ impl Compiler<'_> {
         Ok(mobility)
     }
 
-    /// What each joint follows.
+    /// The coupling of each joint to its leader.
     fn couplings(&self) -> Checked<Vec<Coupling>> {
         let joints = &self.robot.joints;
         let mut follows = Vec::new();
@@ -119,13 +120,13 @@ impl Compiler<'_> {
         })
     }
 
-    /// Notes a repair of a joint that is none in strict mode.
+    /// Records a repair of a joint for a deviation that strict mode accepts.
     pub(super) fn note(&self, joint: usize, kind: RepairKind) {
         let element = &self.robot.joints[joint];
         self.source.note_at(element.at, &element.name, kind);
     }
 
-    /// Holds a joint, and all that follow the same joint or that it follows.
+    /// Holds a joint together with its leader and all joints with the same leader.
     fn hold(&self, mobility: &mut Mobility, joint: usize, kind: RepairKind) {
         let leader = mobility.couplings[joint].coordinate;
         let limits = self.robot.joints[leader].limits;
@@ -165,7 +166,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// Holds joints that, with those that follow them, move no mass: nothing determines their motion.
+    /// Holds joints that, together with those that follow them, move no mass: their motion would be undetermined.
     fn hold_massless(&self, mobility: &mut Mobility, mass: &[f64]) {
         let moved = self.moved_mass(mass);
         let mut of_coordinate = vec![0.0; moved.len()];
@@ -201,7 +202,8 @@ impl Compiler<'_> {
         moved
     }
 
-    /// While the root has no mass, holds the only joint from it: the motion of that joint is the motion of the floating base.
+    /// While the root has no mass, holds the only joint from it: that joint's motion is the motion of the floating
+    /// base.
     fn hold_massless_root(&self, mobility: &mut Mobility, mass: &[f64]) -> Checked<()> {
         let (mut stack, mut moving, mut root_mass) = (vec![self.tree.root], Vec::new(), 0.0);
         loop {
@@ -235,7 +237,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// Refuses two joints in line with a body without mass between them; notes other bodies without mass.
+    /// Refuses two joints in line with a body without mass between them; records other bodies without mass.
     fn check_carriers(&self, mobility: &Mobility, mass: &[f64]) -> Checked<()> {
         for (j, joint) in self.robot.joints.iter().enumerate() {
             if mobility.held[j].is_some() || mobility.couplings[j].coordinate != j {
@@ -266,7 +268,7 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    /// All links that joints that do not move weld to `link`.
+    /// All links that are welded to `link` by joints that do not move.
     fn welded(&self, link: usize, mobility: &Mobility, mass: &[f64]) -> Welded {
         let mut welded = Welded {
             mass: 0.0,

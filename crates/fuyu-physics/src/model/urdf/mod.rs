@@ -1,9 +1,10 @@
 //! From a robot description (URDF) to a [`Model`].
 //!
-//! `document` reads XML, `description` links and joints from it, `link_tree` finds the tree, `mobility` which joints move. The
-//! compiler here numbers the bodies depth first and welds links with fixed joints to their parents' bodies.
+//! `document` reads the XML, `description` extracts links and joints, `link_tree` finds the tree, `mobility` determines
+//! which joints move. The compiler in this file numbers the bodies depth first and welds links with fixed joints to
+//! their parents' bodies.
 //!
-//! Everything that can be wrong in a link or joint goes through [`document::Source::repair_at`]: an error in strict mode, and
+//! Every repairable mistake in a link or joint is reported by [`document::Source::repair_at`]: an error in strict mode,
 //! otherwise a [`Repair`].
 
 mod collision;
@@ -33,23 +34,22 @@ use link_tree::LinkTree;
 use mobility::Mobility;
 pub use repair::{Repair, RepairKind, Repaired};
 
-/// Axes whose length is this close to one are normalised: the rounding of printed decimals.
+/// Axes whose length deviates from one by no more than this are normalised: rounding of printed decimals.
 const AXIS_TOLERANCE: f64 = 1e-6;
 
 impl Model {
     /// Compiles the robot description `xml`; `source` names it in messages, such as by its path.
     ///
-    /// Any tree of revolute, continuous, prismatic, mimic and fixed joints is accepted. Bodies and joints are
-    /// numbered depth first, siblings in document order. A link without `<inertial>` has no mass;
-    /// fixed to a body, it only adds a named frame. The root needs no mass of its own if something
-    /// fixed to it has some. Limits that the description does not state are infinite. Joints get springs from
-    /// Gazebo's `<springStiffness>` and `<springReference>`.
+    /// Any tree of revolute, continuous, prismatic, mimic and fixed joints is accepted. Bodies and joints are numbered
+    /// depth first, siblings in document order. A link without `<inertial>` has no mass; if it is fixed to a body, it
+    /// only adds a named frame. The root needs no mass of its own if a link fixed to it has mass. Limits that the
+    /// description does not state are infinite. Joint springs are read from Gazebo's `<springStiffness>` and
+    /// `<springReference>`.
     ///
     /// # Errors
-    /// [`UrdfError`], one line with the place, the value and what would be right. Nothing is guessed:
-    /// masses, inertias ([`RigidInertia::check`]), axes (unit to 1e-6), limits and the tree itself must be
-    /// valid, and unknown elements are errors where they would have physical meaning.
-    /// [`Model::repaired_from_urdf`] accepts more.
+    /// [`UrdfError`], one line with the location, the value and the remedy. Nothing is guessed: masses, inertias
+    /// ([`RigidInertia::check`]), axes (unit to 1e-6), limits and the tree itself must be valid, and unknown elements
+    /// are errors where they would have physical meaning. [`Model::repaired_from_urdf`] accepts more.
     ///
     /// ```
     /// use fuyu_physics::model::Model;
@@ -62,15 +62,16 @@ impl Model {
         Ok(compile(xml, source, false)?.model)
     }
 
-    /// Compiles the robot description `xml` like [`Model::from_urdf`], but repairs what most robot descriptions have and other
-    /// programs accept: moments of inertia that no rigid body has, links without mass, unknown elements and attributes, limits
-    /// that are missing or empty, axes that are not of unit length ([`RepairKind`] has all). A valid description gives the
-    /// same model as [`Model::from_urdf`].
+    /// Compiles the robot description `xml` like [`Model::from_urdf`], but repairs common mistakes that other programs
+    /// accept: moments of inertia that no rigid body has, links without mass, unknown elements and attributes, missing
+    /// or empty limits, axes that are not of unit length ([`RepairKind`] lists all). A valid description gives the same
+    /// model as [`Model::from_urdf`].
     ///
     /// # Errors
-    /// [`UrdfError`] where physics or the intention is unclear: negative masses, inertias of which nothing can be kept, joints
+    /// [`UrdfError`] where physics or intention are unclear: negative masses, inertias without a usable part, joints
     /// that move no mass between two others, joints with several degrees of freedom (except from a root without mass,
-    /// where they are the motion of the base), names that do not exist, numbers that are none, and trees that are none.
+    /// where they are the motion of the base), names that do not exist, invalid numbers, and links that do not form a
+    /// tree.
     ///
     /// ```
     /// use fuyu_physics::model::Model;
@@ -115,12 +116,12 @@ struct Compiler<'a> {
     tree: &'a LinkTree,
 }
 
-/// A joint to be compiled, and the body that carries it.
+/// A joint that is still to be compiled, and the body to which its parent link is fixed.
 #[allow(non_snake_case)]
 struct Pending {
     joint: usize,
     body: usize,
-    /// Pose of the joint's parent link L in the body that carries it.
+    /// Pose of the joint's parent link L in that body.
     X_BL: Pose,
 }
 
@@ -171,7 +172,7 @@ impl Compiler<'_> {
         Ok(model)
     }
 
-    /// Makes joints follow others.
+    /// Adds the mimic couplings.
     fn add_mimics(
         &self,
         builder: &mut ModelBuilder,
@@ -198,7 +199,7 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    /// Checks the bodies that were welded together.
+    /// Checks the bodies after welding.
     fn check_bodies(&self, model: &Model, link_of_body: &[usize]) -> Checked<()> {
         for (b, body) in model.bodies().iter().enumerate() {
             let problem = if body.inertia.mass == 0.0 {
@@ -220,7 +221,7 @@ impl Compiler<'_> {
             {
                 continue;
             } else {
-                // Each number is finite, but their products overflow.
+                // Each number is finite, but a product overflows.
                 UrdfProblem::Inertia(InertiaError::NotFinite("inertia about the link's origin"))
             };
             return Err(self.link_error(link_of_body[b], problem));
@@ -240,14 +241,14 @@ impl Compiler<'_> {
         self.source.error_at(joint.at, Some(element), problem)
     }
 
-    /// Notes the repair `kind` of a joint; the error `problem` if nothing may be repaired.
+    /// Records the repair `kind` of a joint; returns the error `problem` if repairs are not allowed.
     fn repair_joint(&self, joint: usize, kind: RepairKind, problem: UrdfProblem) -> Checked<()> {
         let element = &self.robot.joints[joint];
         let refused = || self.joint_error(joint, problem);
         (self.source).repair_at(element.at, &element.name, kind, refused)
     }
 
-    /// The link's own mass properties in its frame; zero if it states none.
+    /// The link's own mass properties in its frame; zero if it has none.
     fn inertia(&self, link: usize) -> Checked<RigidInertia> {
         let element = &self.robot.links[link];
         let Some(inertial) = &element.inertial else {

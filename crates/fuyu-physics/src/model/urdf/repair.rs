@@ -12,7 +12,7 @@ use crate::spatial::InertiaError;
 pub struct Repaired {
     /// The robot.
     pub model: Model,
-    /// What was repaired, in the order of the document; empty if [`Model::from_urdf`] accepts the description.
+    /// The repairs, in the order of the document; empty if [`Model::from_urdf`] accepts the description.
     pub repairs: Vec<Repair>,
     /// Name of the description, for the warnings.
     pub(super) source: String,
@@ -23,46 +23,46 @@ pub struct Repaired {
 pub struct Repair {
     /// Line of the element, counted from 1.
     pub line: u32,
-    /// The link or joint, such as `elbow`; empty if it is in neither.
+    /// The link or joint, such as `elbow`; empty for an element outside of links and joints.
     pub name: String,
-    /// What was repaired.
+    /// Kind of repair.
     pub kind: RepairKind,
 }
 
-/// A deviation from the requirements of URDF or physics, and the value that was used instead.
+/// A deviation from the requirements of URDF or physics, and the repair.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum RepairKind {
-    /// An element or attribute that URDF does not have was ignored: such as `<limit> stiffness`, or `<link><foo>`.
+    /// An element or attribute unknown to URDF was ignored: such as `<limit> stiffness`, or `<link><foo>`.
     Ignored(String),
-    /// A second element where there may be one was ignored: its tag.
+    /// A second element where only one is allowed was ignored: its tag.
     Repeated(&'static str),
-    /// Numbers that are separated or followed by punctuation, or more than expected; the first ones were used. The attribute,
-    /// as it is stated.
+    /// Numbers separated or followed by punctuation, or more numbers than expected; the first ones were used. The
+    /// attribute as stated.
     Numbers(String),
     /// A visual or collision without a known geometry was ignored.
     NoGeometry,
-    /// Link without mass, although it has an `<inertial>`: it only adds frames, and its moments of inertia, of this Frobenius
-    /// norm \[kg m²\], were dropped.
+    /// Link without mass, although it has an `<inertial>`: it only adds frames. Its moments of inertia, with this
+    /// Frobenius norm \[kg m²\], were dropped.
     NoMass {
         /// Norm of the dropped tensor \[kg m²\].
         dropped: f64,
     },
-    /// Products of inertia that are not stated are zero.
+    /// Missing products of inertia are zero.
     NoProducts,
     /// Moments of inertia that no rigid body has were replaced by the nearest valid ones
     /// ([`RigidInertia::nearest_valid`](crate::spatial::RigidInertia::nearest_valid)).
     Inertia {
-        /// What is wrong with them.
+        /// What is wrong with the moments.
         problem: InertiaError,
         /// Distance in the Frobenius norm \[kg m²\].
         distance: f64,
-        /// The same, of the norm of those that were given; infinite if that is zero.
+        /// The distance relative to the norm of the stated tensor; infinite if the norm is zero.
         relative: f64,
     },
-    /// The joint is held, because nothing that it moves has mass.
+    /// The joint is held, because no body that it moves has mass.
     MovesNoMass,
-    /// The joint is held, because the root, from which it starts, has no mass: the link that it moves is the floating base.
+    /// The joint is held, because its parent, the root, has no mass: the moved link is the floating base.
     MasslessRoot,
     /// The joint is held, because its range is a single position other than zero, or because it follows a fixed joint.
     Immobile,
@@ -70,26 +70,26 @@ pub enum RepairKind {
     MasslessCarrier,
     /// A link that no joint connects, and that has no mass, was ignored.
     Unconnected,
-    /// A moving joint without a range has no limits.
+    /// A moving joint without a range has infinite limits.
     NoRange,
-    /// A limit of effort or velocity that is not stated does not limit.
+    /// A missing limit of effort or velocity is infinite.
     NoLimit,
-    /// A range with its lower end above the upper, or with both at zero as some programs write if they know none, is no limit;
-    /// next to it, zero effort and velocity are no limits either.
+    /// A range whose lower end is above the upper, or with both at zero (which some programs write for an unknown
+    /// range), is replaced by infinite limits; with it, zero effort and velocity also become infinite.
     EmptyRange,
     /// An axis that is not of unit length was normalised.
     Axis {
         /// Its length.
         length: f64,
     },
-    /// The range of a mimic joint that excludes every position of the joint that it follows was ignored.
+    /// The range of a mimic joint was ignored, because it excludes every position that its leader allows.
     MimicRange,
     /// A spring for a joint that does not exist, or is fixed, was ignored.
     Spring,
 }
 
 impl RepairKind {
-    /// Order of the warnings, and what they say for one and for several elements.
+    /// Order of the warning, and its text for one and for several elements.
     fn text(&self) -> (u8, &'static str) {
         match self {
             Self::Inertia { .. } => (
@@ -137,7 +137,7 @@ impl RepairKind {
         }
     }
 
-    /// What a warning says of one repair, besides the name.
+    /// Details of one repair in a warning, besides the name.
     fn detail(&self) -> String {
         match self {
             Self::Inertia {
@@ -164,7 +164,7 @@ fn percent(fraction: f64) -> String {
     }
 }
 
-/// Names in one warning; the others are counted.
+/// Largest number of names in one warning; the others are counted.
 const NAMED: usize = 8;
 
 impl Repaired {

@@ -67,8 +67,8 @@ fn what(world: &World) -> Vec<&str> {
         .collect()
 }
 
-// A rock hits a ball that the hand holds: as if the ball were a part of the hand from the start. Fails if what is held touches
-// nothing, or if contact forces act on the wrong link.
+// A rock hits a ball that the hand holds; the result must be the same as if the ball were a part of the hand from the
+// start. Fails if a held target has no contact, or if contact forces act on the wrong link.
 #[test]
 fn what_is_held_touches_others_as_a_part_of_the_hand() {
     let rock = "    rock:\n      urdf: rock.urdf\n      position: [1.55, 0.8, 0.05]\n      velocity: [0.02, -0.6, 0.0]\n";
@@ -182,7 +182,8 @@ fn what_is_held_touches_the_robot() {
     );
     let mut in_contact = 0;
     for five in states.windows(5) {
-        // Central differences of fourth order; across the beginning and the end of contact they have an error of their own.
+        // Fourth-order central differences; across the beginning and the end of contact they have an error of their
+        // own.
         let touch = five.iter().filter(|s| s.3[0].norm() > 1.0).count();
         let apart = five.iter().filter(|s| s.3[0].norm() == 0.0).count();
         if touch < 5 && apart < 5 {

@@ -98,7 +98,7 @@ fn a_grasp_latches_by_itself_and_not_again_before_it_has_moved_apart() {
     world.detach().unwrap();
     step_to(&mut world, 1.0);
     assert_eq!(world.held_target(), None);
-    // At rest again where it was at the start, but it has been apart meanwhile.
+    // Robot and target are reset to the start; the frames have been apart meanwhile.
     world.reset_state();
     step_to(&mut world, 1.1);
     assert_eq!(world.held_target(), Some("debris"));

@@ -15,7 +15,7 @@ pub struct Uncertainty {
 }
 
 impl Uncertainty {
-    /// Before any attitude is known: only that of the bias counts.
+    /// Covariance before any attitude is known: only the bias part has a meaning.
     pub fn of_bias(deviation: f64) -> Self {
         let mut covariance = Matrix6::zeros();
         for i in 0..3 {
@@ -25,7 +25,7 @@ impl Uncertainty {
         Self { covariance }
     }
 
-    /// The attitude is lost, and the bias wandered with this variance.
+    /// Covariance after a gap: the attitude is lost, and the bias has drifted with this variance.
     pub fn after_gap(&self, variance: f64) -> Self {
         let mut next = Self::of_bias(0.0);
         let bias = self.covariance.fixed_view::<3, 3>(3, 3) + Matrix3::identity() * variance;
@@ -81,7 +81,7 @@ impl Node {
         }
     }
 
-    /// Takes the attitude from a measurement with this variance of each component.
+    /// Sets the attitude to a measurement with this variance of each component.
     pub fn start(&mut self, measured: &UnitQuaternion<f64>, variance: f64) {
         self.R_WB = *measured;
         let P = &mut self.uncertainty.covariance;
@@ -198,7 +198,7 @@ impl History {
 mod tests {
     use super::*;
 
-    // The integral by a sum over small steps.
+    // Compares with a sum over small steps.
     #[test]
     fn the_right_jacobian_is_an_integral() {
         for scale in [1e-3, 0.0099, 0.0101, 0.4, 2.0] {

@@ -7,8 +7,8 @@ use crate::control::attitude::{AttitudeConfigError, AttitudeDeviation, AttitudeL
 
 /// Direct velocity and displacement feedback, `τ = -P angle - D rate` (Kida 1993 section 4.2).
 ///
-/// With symmetric positive definite P and D no posture and no vibration makes it unstable (Theorem 4.1), as long as it
-/// acts without delay; P = 0 (DVFB) damps without holding an attitude.
+/// With symmetric positive definite P and D it is stable for any posture and any vibration (Theorem 4.1), provided that
+/// it acts without delay; P = 0 (DVFB) damps without holding an attitude.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dvdfb {
     P: Matrix3<f64>,
@@ -16,7 +16,7 @@ pub struct Dvdfb {
 }
 
 impl Dvdfb {
-    /// With gains P \[N m/rad\] and D \[N m s/rad\], base axes.
+    /// The law with gains P \[N m/rad\] and D \[N m s/rad\], base axes.
     ///
     /// # Errors
     /// [`AttitudeConfigError`] unless D is symmetric positive definite, and P as well or zero.
@@ -28,7 +28,7 @@ impl Dvdfb {
         Ok(Self { P, D })
     }
 
-    /// With one gain for each axis.
+    /// The law with one gain for each axis.
     ///
     /// # Errors
     /// As [`Dvdfb::new`].

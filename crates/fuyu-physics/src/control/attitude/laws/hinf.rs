@@ -1,4 +1,4 @@
-//! Rate feedback inside of an H-infinity loop, one axis at a time.
+//! Rate feedback inside an H-infinity loop, one axis at a time.
 
 use fuyu_lti::kida1993::double_loop::{DoubleLoop, Problem, covering_gain};
 use fuyu_lti::{LtiError, StateSpace, TransferFunction};
@@ -17,17 +17,17 @@ pub struct DoubleLoopConfig {
     pub rate_gain: f64,
     /// w0, near the bandwidth wanted \[rad/s\].
     pub frequency: f64,
-    /// k for each axis; `None` for 1.1 times the smallest that covers the model error of all plants given, and 10 at
-    /// least.
+    /// k for each axis; `None` for 1.1 times the smallest value that covers the model error of all given plants, but at
+    /// least 10.
     pub cover: Option<[f64; 3]>,
-    /// Part of the largest possible gamma that is designed for, below 1.
+    /// Fraction of the largest possible gamma that the design uses, below 1.
     pub fraction: f64,
     /// Noise on angle and rate in units of `1` and `frequency`, which makes the problem regular.
     pub noise: f64,
 }
 
 impl DoubleLoopConfig {
-    /// With k from the plants, .9 of the largest gamma and a noise of .01.
+    /// Settings with k from the plants, .9 of the largest gamma and a noise of .01.
     pub fn new(rate_gain: f64, frequency: f64) -> Self {
         Self {
             rate_gain,
@@ -65,7 +65,7 @@ impl DoubleLoopConfig {
     }
 }
 
-/// Smallest k: the loop's gain falls above w0 also about axes that no vibration couples to.
+/// Smallest k: the loop's gain then also falls above w0 about axes that couple to no vibration.
 const LEAST_COVER: f64 = 10.0;
 
 /// The double loop: rate feedback D, and around it an H-infinity controller for each axis, sampled by Tustin's method.
@@ -86,8 +86,8 @@ struct Axis {
 }
 
 impl DoubleLoopLaw {
-    /// For torques held for `period` \[s\]. The inertia is that of the first of `plants`; the weight covers the error
-    /// of all of them, so give the plants of the postures that occur.
+    /// The law for torques held for `period` \[s\]. The inertia is that of the first of `plants`; the weight covers the
+    /// error of all plants, so give the plants of all expected postures.
     ///
     /// # Errors
     /// [`AttitudeConfigError`] for a setting out of its range, and if no controller exists.

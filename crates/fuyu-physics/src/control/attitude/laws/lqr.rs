@@ -17,17 +17,18 @@ pub struct LqrWeights {
     pub torque: f64,
 }
 
-/// Optimal feedback `τ = -K [angle; rate]` for the locked rigid robot, sampled with zero-order hold. It does not know
-/// the vibrations: [`AttitudePlant::sampled_radius`](crate::control::attitude::AttitudePlant::sampled_radius) tells
-/// whether it makes them unstable.
+/// Optimal feedback `τ = -K [angle; rate]` for the locked rigid robot, sampled with zero-order hold. The design ignores
+/// vibrations; [`AttitudePlant::sampled_radius`](crate::control::attitude::AttitudePlant::sampled_radius) shows whether
+/// the law makes them unstable.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lqr {
     gain: Matrix3x6<f64>,
 }
 
 impl Lqr {
-    /// For a robot with this inertia (see [`AttitudePlant::inertia`](crate::control::attitude::AttitudePlant::inertia))
-    /// and torques held for `period` \[s\].
+    /// The law for a robot with this inertia (see
+    /// [`AttitudePlant::inertia`](crate::control::attitude::AttitudePlant::inertia)) and torques held for `period`
+    /// \[s\].
     ///
     /// # Errors
     /// [`AttitudeConfigError`] for weights or a period that are not positive, or a Riccati equation without solution.
@@ -123,7 +124,7 @@ mod tests {
                 law.gain()
             );
         }
-        // Axes that are not coupled stay so.
+        // Uncoupled axes remain uncoupled.
         let mut others = *law.gain();
         for i in 0..3 {
             others[(i, i)] = 0.0;

@@ -13,15 +13,15 @@ pub type Column = SVector<f64, ROWS>;
 pub struct NonNegative {
     /// Indices of the unknowns that may be positive.
     passive: Vec<usize>,
-    /// Unknowns that were tried in vain since the last progress.
+    /// Unknowns that were tried without success since the last progress.
     blocked: Vec<bool>,
 }
 
-/// Gradients below this do not count, in units in which columns and right-hand side are of the size 1.
+/// Gradients below this are zero, for columns and right-hand side of length near 1.
 const SMALL: f64 = 1e-12;
 
 impl NonNegative {
-    /// For `unknowns` unknowns.
+    /// Scratch for `unknowns` unknowns.
     pub fn new(unknowns: usize) -> Self {
         Self {
             passive: Vec::with_capacity(ROWS + 1),
@@ -60,8 +60,8 @@ impl NonNegative {
         }
     }
 
-    /// Moves to the best point of the passive set, without the unknowns that would become negative. False if the set is
-    /// not independent, or the newest unknown is the first to leave.
+    /// Moves to the minimum over the passive set, without the unknowns that would become negative. False if the columns
+    /// of the set are dependent, or if the newest unknown is the first to leave.
     fn descend(&mut self, columns: &[Column], b: &Column, x: &mut [f64]) -> bool {
         let newest = *self.passive.last().unwrap_or(&0);
         while !self.passive.is_empty() {

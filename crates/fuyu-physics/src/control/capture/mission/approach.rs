@@ -1,4 +1,4 @@
-//! Observe, and approach.
+//! The phases observe and approach.
 
 use super::grasp::Closing;
 use super::search::Search;
@@ -9,15 +9,15 @@ use crate::control::capture::rendezvous::Rendezvous;
 
 /// Largest deviation of a joint from its reference \[rad or m\].
 const LARGEST_DEVIATION: f64 = 0.2;
-/// Share of the approach, from its end, in which the plan is not changed any more.
+/// Final fraction of the approach in which the plan is frozen.
 const FROZEN: f64 = 0.15;
-/// Ratio of uncertainty and limit at which an approach is given up.
+/// Ratio of uncertainty to limit at which an approach is given up.
 const GIVEN_UP: f64 = 2.0;
 /// Time after the final approach for which the arm must be able to follow the target \[s\].
 const GRASPING: f64 = 6.0;
-/// Interrupted approaches after which the mission is aborted.
+/// Number of interrupted approaches after which the mission is aborted.
 const MOST_INTERRUPTIONS: u32 = 5;
-/// Longest time without a plan from where the arm is \[s\].
+/// Longest time without a feasible plan from the present position \[s\].
 const PLANLESS: f64 = 5.0;
 
 impl CaptureMission {
@@ -28,7 +28,7 @@ impl CaptureMission {
         goal.with_offset(&back, &zero, &zero)
     }
 
-    /// Why the target counts as lost, if it does.
+    /// The reason why the target is lost, if it is.
     pub(super) fn lost(&self, time: f64) -> Option<String> {
         let seen = self.track.newest()?;
         let silence = time - seen;
@@ -36,13 +36,15 @@ impl CaptureMission {
             .then(|| format!("the target has not been seen for {silence:.1} s"))
     }
 
-    /// Why an approach that arrives at `arrival` \[s\] is to be given up because of its prediction, if it is.
+    /// The reason to give up an approach that arrives at `arrival` \[s\] because its prediction is too uncertain, if
+    /// there is one.
     pub(super) fn too_uncertain(&mut self, arrival: f64) -> Option<String> {
         let reason = self.uncertain(arrival, GIVEN_UP);
         reason.filter(|_| !self.accepts_uncertainty)
     }
 
-    /// Why the prediction for an approach that arrives at `arrival` \[s\] is not good enough; `None` if it is.
+    /// The reason why the prediction for an approach that arrives at `arrival` \[s\] is not accurate enough; `None` if
+    /// it is.
     fn uncertain(&mut self, arrival: f64, factor: f64) -> Option<String> {
         let until = arrival + self.config.final_time + GRASPING;
         let Some(sd) = self
@@ -131,7 +133,7 @@ impl CaptureMission {
         }
     }
 
-    /// Where the tip is to be after the arrival, second by second: on the final approach, and while it grasps.
+    /// Goals of the tip after the arrival, one per second: on the final approach, and during the grasp.
     fn later_goals(&self, arrival: f64) -> Result<Vec<(f64, FrameMotion)>, PlanError> {
         let (final_time, standoff) = (self.config.final_time, self.config.standoff);
         let count = (final_time + GRASPING).ceil() as u32;
@@ -145,7 +147,7 @@ impl CaptureMission {
         (1..=count).map(at).collect()
     }
 
-    /// Stops an approach that cannot go on, and plans again; not too often.
+    /// Interrupts an approach that cannot continue, and plans again; aborts after too many interruptions.
     fn interrupt(&mut self, reason: String) -> Stage {
         self.interruptions += 1;
         self.stop(match self.interruptions < MOST_INTERRUPTIONS {
@@ -205,7 +207,7 @@ impl CaptureMission {
                     self.report().set("plans", count, "");
                 }
                 Err(e) if time > planned + PLANLESS => return self.interrupt(e.to_string()),
-                // It goes on by the last plan; the final approach makes up for a small error.
+                // Continue with the last plan; the final approach corrects a small error.
                 Err(_) => {}
             }
         }

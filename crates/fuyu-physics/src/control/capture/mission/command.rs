@@ -34,18 +34,18 @@ pub struct Sample<'a> {
 pub struct Command<'a> {
     /// Joint efforts \[N m or N\].
     pub efforts: &'a [f64],
-    /// External couple on the base, base axes \[N m\]: by ideal thrusters, or the mean of what `on_times` give.
+    /// External couple on the base, base axes \[N m\]: that of ideal thrusters, or the mean couple of `on_times`.
     pub couple: Vector3<f64>,
     /// Motor torques of the wheels \[N m\]; empty for a mission without wheels.
     pub wheel_torques: &'a [f64],
-    /// How long thrusters are on from now on \[s\]. `None` while an earlier command lasts, and for a mission without
+    /// On-times of the thrusters from now on \[s\]. `None` while an earlier command lasts, and for a mission without
     /// thrusters.
     pub on_times: Option<&'a [f64]>,
-    /// The gripper.
+    /// Command to the gripper.
     pub gripper: Gripper,
 }
 
-/// Why the mission refuses something.
+/// Why the mission refuses a setting, a sample or a command.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MissionError {
     /// A setting is wrong.
@@ -60,7 +60,7 @@ pub enum MissionError {
         joints: usize,
         /// Number of wheels.
         wheels: usize,
-        /// What is wrong.
+        /// The problem.
         problem: &'static str,
     },
     /// The phase cannot be skipped.

@@ -15,27 +15,27 @@ pub struct CaptureConfig {
     pub track: TrackConfig,
     /// Shortest time of observation \[s\].
     pub observe_time: f64,
-    /// Time after which a mission that has not begun its approach is aborted \[s\].
+    /// Time after which a mission that has not started its approach is aborted \[s\].
     pub observe_timeout: f64,
     /// Largest standard deviation of the predicted position of the grasp frame at the rendezvous \[m\].
     pub position_limit: f64,
-    /// The same of its attitude \[rad\].
+    /// Largest standard deviation of the predicted attitude of the grasp frame at the rendezvous \[rad\].
     pub attitude_limit: f64,
-    /// Durations of the approach to choose from \[s\].
+    /// Candidate durations of the approach \[s\].
     pub approach_times: Vec<f64>,
-    /// The objective that the choice minimises.
+    /// Objective that selects among them.
     pub objective: Objective,
     /// Distance from the grasp frame at which the approach ends \[m\].
     pub standoff: f64,
-    /// Poses of the grasp frames to choose from, in the measured one.
+    /// Candidate grasp frames, as poses in the measured grasp frame.
     pub grasps: Vec<Pose>,
     /// Direction of the final approach in the grasp frame.
     pub approach_axis: Vector3<f64>,
     /// Duration of the final approach \[s\].
     pub final_time: f64,
-    /// Time between two plans during the approach \[s\].
+    /// Time between two replannings during the approach \[s\].
     pub replan_period: f64,
-    /// Sizes of the shapes that keep clear of each other.
+    /// Sizes of the shapes for clearance checks.
     pub clearance: ClearanceConfig,
     /// Limits of the joints' motion.
     pub limits: JointLimitsShare,
@@ -43,44 +43,45 @@ pub struct CaptureConfig {
     pub tip_law: TipLaw,
     /// Natural frequency of the joints' servo \[rad/s\].
     pub joint_bandwidth: f64,
-    /// Time without a measured pose after which the target is lost \[s\].
+    /// Time without a measured pose after which the target counts as lost \[s\].
     pub lost_timeout: f64,
-    /// Distance and angle of tip and grasp frame, as predicted, at which the gripper closes \[m, rad\].
+    /// Predicted distance and angle between tip and grasp frame at which the gripper closes \[m, rad\].
     pub close_within: (f64, f64),
     /// Longest time from the end of the final approach to the closing of the gripper \[s\].
     pub close_timeout: f64,
-    /// Whether the gripper says if it holds the target ([`CaptureMission::set_grip`](super::CaptureMission::set_grip)); otherwise
-    /// the arm pulls to find out.
+    /// Whether the gripper reports if it holds the target
+    /// ([`CaptureMission::set_grip`](super::CaptureMission::set_grip)); otherwise the arm tests the grasp by pulling.
     pub reports_grip: bool,
-    /// Lowest rotational stiffness of the grip \[N m/rad\]; infinite if it does not yield.
+    /// Lowest rotational stiffness of the grip \[N m/rad\]; infinite for a rigid grip.
     pub grip_stiffness: f64,
-    /// How far the arm pulls to find out whether it holds the target \[m\].
+    /// Distance of the test pull \[m\].
     pub pull: f64,
-    /// How often it tries to grasp.
+    /// Largest number of attempts to grasp.
     pub attempts: u32,
-    /// Largest motion of the target in the grasp \[m, rad\].
+    /// Largest motion of the target in the grasp before it counts as slipped \[m, rad\].
     pub slip: (f64, f64),
-    /// Presumed mass of the target \[kg\] and radius of gyration \[m\], until they are identified.
+    /// Assumed mass of the target \[kg\] and radius of gyration \[m\], until they are identified.
     pub presumed: (f64, f64),
-    /// Mass \[kg\] and radius of gyration \[m\] of the heaviest target: the first excitation loads the grasp within its limits
-    /// with that one.
+    /// Mass \[kg\] and radius of gyration \[m\] of the heaviest possible target: the first excitation keeps the load on
+    /// the grasp within its limits even for this body.
     pub heaviest: (f64, f64),
     /// Time in which the joints come to rest after the grasp \[s\].
     pub settle_time: f64,
     /// Limits for detumbling.
     pub detumble: DetumbleLimits,
-    /// Angular velocity of the base below which the stack has been stopped \[rad/s\].
+    /// Angular velocity of the base below which robot and target count as stopped \[rad/s\].
     pub final_rate: f64,
     /// Time after which detumbling is aborted \[s\].
     pub detumble_timeout: f64,
     /// Duration of the excitation \[s\].
     pub excitation_time: f64,
-    /// Amplitude of each joint in the excitation \[rad or m\]; one value is for the last three joints, and an eighth of it for
-    /// the others, which move the target much further. The limits at the grasp may make all smaller, or twice as large.
+    /// Amplitude of each joint in the excitation \[rad or m\]. A single value is the amplitude of the last three
+    /// joints, and an eighth of it that of the others, which move the target much further. The limits at the grasp may
+    /// reduce all amplitudes, or allow up to twice as much.
     pub excitation: Vec<f64>,
     /// Standard deviation of the gyro's noise \[rad/s\].
     pub gyro_noise: f64,
-    /// Largest condition number with which an identification is accepted.
+    /// Largest condition number for which an identification is accepted.
     pub condition_limit: f64,
 }
 
@@ -159,7 +160,7 @@ impl CaptureConfig {
             ("close_angle", self.close_within.1),
             ("close_timeout", self.close_timeout),
             ("pull", self.pull),
-            // Infinite is allowed: it does not yield.
+            // Infinite is allowed: a rigid grip.
             (
                 "grip_stiffness",
                 if self.grip_stiffness == f64::INFINITY {
@@ -217,8 +218,8 @@ impl CaptureConfig {
         Ok(())
     }
 
-    /// Lowest natural frequency \[rad/s\] of a body (in the tip's frame) on the grip, while the tip does not move: that of a rotation about
-    /// the tip, with the body's largest moment of inertia. `None` if the grip does not yield.
+    /// Lowest natural frequency \[rad/s\] of a body (in the tip's frame) on the grip, with a fixed tip: that of a
+    /// rotation about the tip, with the body's largest moment of inertia. `None` for a rigid grip.
     pub(super) fn grip_frequency(&self, body: &RigidInertia) -> Option<f64> {
         let about_tip = SpatialInertia::from(body).about_origin.to_matrix();
         let largest = about_tip.symmetric_eigenvalues().max();

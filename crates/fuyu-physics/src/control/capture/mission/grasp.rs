@@ -1,4 +1,4 @@
-//! Final approach, grasp, and retreat.
+//! The phase grasp: final approach, grasp, and retreat.
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
@@ -8,28 +8,28 @@ use crate::spatial::Pose;
 
 /// Time constant with which a pause stops the final approach \[s\].
 const PAUSE: f64 = 0.5;
-/// Times of the pull after the gripper has closed \[s\]: it begins, it is as far as it goes, it ends.
+/// Times of the test pull after the gripper has closed \[s\]: start, full distance, end.
 const PULL: [f64; 3] = [1.0, 3.0, 4.5];
-/// How long it waits for the gripper to say whether it holds \[s\].
+/// Longest wait for the gripper's report whether it holds the target \[s\].
 const GRIP_TIMEOUT: f64 = 20.0;
-/// How long it waits for measured poses of the pull \[s\].
+/// Longest wait for measured poses of the test pull \[s\].
 const PULL_TIMEOUT: f64 = 8.0;
 
-/// Motion of the tip along the approach axis.
+/// Motion of the tip along the approach axis, relative to the grasp frame.
 #[derive(Debug, Clone)]
 pub(in crate::control::capture) struct Closing {
-    /// Distance from the grasp frame at the begin and at the end \[m\].
+    /// Distance from the grasp frame at the start and at the end \[m\].
     from: f64,
     to: f64,
     duration: f64,
-    /// How much of the duration has passed, how fast it passes, and how fast that changes \[1/s\].
+    /// Elapsed fraction of the duration, its rate \[1/s\], and the rate's derivative.
     clock: f64,
     speed: f64,
     speed_rate: f64,
     last: f64,
-    /// Since when it is where it should end \[s\].
+    /// Time since when the tip is at the end \[s\].
     arrived: Option<f64>,
-    /// Why it retreats: `Some(None)` to try again.
+    /// Reason of a retreat: `Some(None)` for another attempt.
     retreat: Option<Option<String>>,
 }
 
@@ -48,7 +48,7 @@ impl Closing {
         }
     }
 
-    /// Back to the distance of the approach; with a reason it then ends the mission.
+    /// A retreat to the distance of the approach; with a reason, the mission then ends.
     pub fn retreat(self, config: &CaptureConfig, reason: Option<String>) -> Self {
         let (now, ..) = self.at();
         Self {
@@ -93,7 +93,7 @@ impl Closing {
     }
 }
 
-/// The pull after the gripper has closed.
+/// The test pull after the gripper has closed.
 #[derive(Debug, Clone)]
 pub(in crate::control::capture) struct Pull {
     begin: f64,
@@ -107,13 +107,12 @@ impl Pull {
         ((time - self.begin) / PULL[2]).clamp(0.0, 1.0)
     }
 
-    /// Back to the distance of the approach, from where the tip is at `time` \[s\].
+    /// A retreat to the distance of the approach, from the tip's position at `time` \[s\].
     pub fn retreat(self, config: &CaptureConfig, time: f64, reason: Option<String>) -> Closing {
         Closing::begin(config, time, self.at(config, time).0).retreat(config, reason)
     }
 
-    /// How far it pulls at `time` \[m\], with its first two derivatives; not at all if the gripper reports whether it
-    /// holds.
+    /// Distance pulled at `time` \[m\], with its first two derivatives; zero if the gripper reports whether it holds.
     fn at(&self, config: &CaptureConfig, time: f64) -> (f64, f64, f64) {
         if config.reports_grip {
             return (0.0, 0.0, 0.0);
@@ -135,8 +134,8 @@ fn pose_of((p, turn): (Vector3<f64>, Vector3<f64>)) -> Pose {
 }
 
 impl CaptureMission {
-    /// Drives the tip to a distance (with its derivatives) from the grasp frame. Returns how far it is off; `None` if
-    /// the target's motion is not known.
+    /// Drives the tip to a distance (with its derivatives) from the grasp frame. Returns the tip's deviation; `None` if
+    /// the target's motion is unknown.
     fn drive_tip(&mut self, time: f64, (s, ds, dds): (f64, f64, f64)) -> Option<(f64, f64)> {
         let goal = self.goal(time)?;
         let axis = self.config.approach_axis.normalize();
@@ -200,7 +199,7 @@ impl CaptureMission {
         Stage::Close(closing)
     }
 
-    /// A grasp has failed: retreats, and tries again or gives up.
+    /// A grasp has failed: retreat, then try again or give up.
     fn missed(&mut self, closing: Closing, reason: String) -> Stage {
         self.gripper = Gripper::Open;
         let attempts = self.config.attempts;
@@ -257,7 +256,7 @@ impl CaptureMission {
         self.missed(closing, reason)
     }
 
-    /// The target is held: begins to detumble.
+    /// The target is held: start detumbling.
     fn grasped(&mut self, time: f64, pull: &Pull, X_EG: Option<Pose>) -> Stage {
         let q = self.own.state().q.clone();
         let axis = self.config.approach_axis.normalize();
@@ -289,7 +288,7 @@ impl CaptureMission {
         self.begin_detumbling(time)
     }
 
-    /// Why the target counts as slipped, if it does: the last second's mean of its pose in the grasp.
+    /// The reason why the target has slipped, if it has: the mean of its pose in the grasp over the last second.
     pub(super) fn slipped(&self, time: f64) -> Option<String> {
         if self.grip == Some(false) {
             return Some("the gripper has lost the target".to_owned());
@@ -319,7 +318,7 @@ mod tests {
         }
     }
 
-    // A retreat that begins at the end of a pull that did not take place, or at time and place of its begin, jumps by
+    // A retreat that starts at the end of a pull that did not take place, or at time and place of its start, jumps by
     // centimetres.
     #[test]
     fn the_tip_does_not_jump_when_a_pull_ends_in_a_retreat() {
@@ -345,7 +344,7 @@ mod tests {
                     (time, before) = (time + DT, now);
                 }
                 assert!((before - config.standoff).abs() < 1e-9);
-                // The quintic's fastest is 15/8 of the mean.
+                // The largest rate of a quintic is 15/8 of its mean.
                 let pulled = 0.03 / (PULL[1] - PULL[0]);
                 let retreated = config.standoff / (0.5 * config.final_time);
                 let fastest = 15.0 / 8.0 * pulled.max(retreated) * DT;
@@ -357,8 +356,8 @@ mod tests {
         }
     }
 
-    // The acceleration is that of the rate while a pause slows the approach down; the part due to the pause is missing
-    // without the change of speed.
+    // The acceleration is the derivative of the rate while a pause slows the approach down; without the derivative of
+    // the speed, the part due to the pause is missing.
     #[test]
     fn derivatives_hold_while_pausing() {
         let config = config(false);

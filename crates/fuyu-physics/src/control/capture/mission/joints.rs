@@ -1,4 +1,4 @@
-//! Motion of the joints: references, and how the joints come to rest.
+//! Joint references, and stopping of the joints.
 
 use super::search::Search;
 use super::{AfterStop, CaptureMission, Phase, Stage};
@@ -6,7 +6,7 @@ use crate::control::capture::inertial_state;
 use crate::control::commander::{JointDuty, JointPoint, JointSpline};
 
 impl CaptureMission {
-    /// Joint positions and rates as measured.
+    /// Measured joint positions and rates.
     pub(super) fn measured(&self) -> Vec<JointPoint> {
         let state = self.own.state();
         let joints = state.q.iter().zip(state.qd.iter());
@@ -18,7 +18,7 @@ impl CaptureMission {
         joints.map(point).collect()
     }
 
-    /// The reference is where the joints are, at rest.
+    /// Sets the reference to the present joint positions, at rest.
     pub(super) fn hold_here(&mut self) {
         self.reference = self.measured();
         for point in &mut self.reference {
@@ -26,7 +26,7 @@ impl CaptureMission {
         }
     }
 
-    /// Where the joints' motion goes on from: their references, or what is measured if there is none.
+    /// Stops the joints from their reference, or from the measured motion without a reference; `then` follows.
     pub(super) fn stop(&mut self, then: AfterStop) -> Stage {
         let time = self.own.state().time;
         let spline = JointSpline::stop(&self.model, time, &self.reference);
@@ -61,7 +61,7 @@ impl CaptureMission {
         }
     }
 
-    /// Efforts that make the joints follow the reference, with the target if it is held.
+    /// Computes efforts that make the joints follow the reference, including the held target.
     pub(super) fn track_reference(&mut self) {
         let duties = vec![JointDuty::Track; self.reference.len()];
         let own = self.own.state();
@@ -77,7 +77,7 @@ impl CaptureMission {
         self.efforts.copy_from(efforts);
     }
 
-    /// Largest deviation of a joint from its reference, with its index.
+    /// Largest deviation of a joint from its reference, with the joint's index.
     pub(super) fn deviation(&self) -> (usize, f64) {
         let q = self.own.state().q.iter().zip(&self.reference);
         let off = q.map(|(q, point)| (q - point.position).abs());

@@ -1,4 +1,4 @@
-//! Measurements of the target, which arrive later than they were taken.
+//! Measurements of the target, which arrive late.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -6,11 +6,11 @@ use super::CaptureMission;
 use crate::control::capture::RotationForecast;
 use crate::spatial::Pose;
 
-/// Measured relative poses that are kept \[s\].
+/// Time for which measured relative poses are kept \[s\].
 const RELATIVE_WINDOW: f64 = 10.0;
 
 impl CaptureMission {
-    /// Takes the measurements whose time the own motion covers.
+    /// Takes the measurements whose times the robot's own motion covers.
     pub(super) fn take_measurements(&mut self, now: f64) {
         while let Some((time, X_BG)) = self.poses.front().copied() {
             if time > now + 1e-6 {
@@ -51,8 +51,8 @@ impl CaptureMission {
         }
     }
 
-    /// Mean pose of the grasp frame in the tip's, as measured from one time to another \[s\]: position and rotation vector of
-    /// at least three frames.
+    /// Mean measured pose of the grasp frame in the tip's frame from one time to another \[s\]: position and rotation
+    /// vector, from at least three frames.
     pub(super) fn mean_relative(&self, from: f64, to: f64) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let within = self.relative.iter().filter(|(t, _)| *t >= from && *t <= to);
         let poses: Vec<_> = within.map(|(_, X)| X).collect();

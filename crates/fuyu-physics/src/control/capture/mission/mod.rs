@@ -36,7 +36,7 @@ use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};
 use crate::spatial::{InertiaError, Pose, RigidInertia};
 
-/// Longest time between two samples that counts as waiting \[s\].
+/// Longest time between two samples that counts as waiting time \[s\].
 const LONGEST_PERIOD: f64 = 0.5;
 
 /// Robot and target after the grasp.
@@ -46,7 +46,7 @@ pub(super) struct Held {
     pub is_identified: bool,
     pub servo: JointServo,
     pub workspace: Workspace,
-    /// Pose of the grasp frame in the tip's when it was grasped, as measured.
+    /// Measured pose of the grasp frame in the tip's frame when it was grasped.
     pub X_EG: Option<Pose>,
 }
 
@@ -57,36 +57,36 @@ pub(super) enum Stage {
     Plan(Box<search::Search>),
     Approach {
         plan: Box<Plan>,
-        /// When it was last planned \[s\].
+        /// Time of the last planning \[s\].
         planned: f64,
     },
     /// The tip moves along the approach axis, in the frame of the target.
     Close(grasp::Closing),
-    /// Pulls, to find out whether it holds.
+    /// Test pull, to check whether the target is held.
     Pull(grasp::Pull),
-    /// Joints come to rest; then the next activity begins.
+    /// Joints come to rest; then the next activity starts.
     Stop(Box<JointSpline>, AfterStop),
     Detumble(stabilise::Detumbling),
     Identify(stabilise::Identifying),
-    /// Joints are held where the reference is.
+    /// Joints are held at the reference.
     Rest,
 }
 
 /// Activity after the joints have stopped.
 #[derive(Debug, Clone)]
 pub(super) enum AfterStop {
-    /// It plans again, for a reason.
+    /// Plan again, for this reason.
     Plan(String),
     Abort(String),
 }
 
-/// Captures a target. It owns no clock: every [`CaptureMission::step`] gives time and measurements.
+/// Captures a target. The mission has no clock: every [`CaptureMission::step`] receives time and measurements.
 #[derive(Debug, Clone)]
 pub struct CaptureMission {
     config: CaptureConfig,
     model: Model,
     tip: Frame,
-    /// Attitude of the camera in the base.
+    /// Attitude of the camera in the base frame.
     R_BC: UnitQuaternion<f64>,
     own: OwnMotion,
     track: TargetTrack,
@@ -94,47 +94,47 @@ pub struct CaptureMission {
     servo: JointServo,
     impedance: TipImpedance,
     held: Option<Held>,
-    /// Which of the grasp frames is chosen.
+    /// Index of the chosen grasp frame.
     grasp: usize,
     stage: Stage,
     reports: Vec<PhaseReport>,
     reference: Vec<JointPoint>,
-    /// Forecasts in the camera's axes at their start, for which the base's attitude is not known yet.
+    /// Forecasts (in the camera's axes at their start) that wait for the base's attitude at that time.
     forecasts: VecDeque<RotationForecast>,
-    /// Grasp poses in the base frame, for which it is not known yet.
+    /// Measured grasp poses (in the base frame) that wait for the base's pose at that time.
     poses: VecDeque<(f64, Pose)>,
-    /// Measured poses of the grasp frame in the tip's.
+    /// Measured poses of the grasp frame in the tip's frame.
     relative: VecDeque<(f64, Pose)>,
     is_paused: bool,
     skips: bool,
     abort_requested: bool,
-    /// The operator has ended observation before the prediction was good enough, and answers for it.
+    /// Whether the operator has ended observation before the prediction was accurate enough, and accepts the risk.
     accepts_uncertainty: bool,
-    /// Whether the gripper holds, if it reports that.
+    /// Whether the gripper holds the target, if it reports that.
     grip: Option<bool>,
     attempt: u32,
     /// Time of the last sample \[s\].
     last: Option<f64>,
-    /// How long it has waited for a prediction and a plan, pauses not counted \[s\].
+    /// Time waited for a prediction and a plan, without pauses \[s\].
     waited: f64,
-    /// How often an approach was interrupted, pauses not counted.
+    /// Number of interruptions of the approach, not counting pauses.
     interruptions: u32,
     detumbler: Detumbler,
     thrusters: Option<ThrusterPulses>,
     /// Speeds of the wheels \[rad/s\].
     wheel_speeds: Vec<f64>,
-    /// The condition that it waits for.
+    /// The condition for which the mission waits.
     note: String,
     efforts: DVector<f64>,
     /// External couple on the base, base axes \[N m\].
     couple: Vector3<f64>,
-    /// Common centre of mass, base axes \[m\], while a couple acts.
+    /// Common centre of mass of robot and target, base axes \[m\], while a couple acts.
     p_BC: Vector3<f64>,
     gripper: Gripper,
 }
 
 impl CaptureMission {
-    /// A mission of the robot with its tip; `camera` is the frame in whose axes rotations are forecast.
+    /// A mission for a robot with its tip; `camera` is the frame in whose axes forecasts are given.
     ///
     /// # Errors
     /// [`ConfigError`].
@@ -189,14 +189,14 @@ impl CaptureMission {
         })
     }
 
-    /// With wheels of the base, which take the momentum of robot and target as far as they can.
+    /// Adds wheels of the base, which take as much momentum of robot and target as they can.
     pub fn with_wheels(mut self, wheels: WheelAllocator) -> Self {
         self.wheel_speeds = vec![0.0; wheels.wheels().len()];
         self.detumbler = self.detumbler.with_wheels(wheels);
         self
     }
 
-    /// With thrusters of the base, whose pulses give the external couple.
+    /// Adds thrusters of the base, whose pulses give the external couple.
     pub fn with_thrusters(mut self, thrusters: ThrusterPulses) -> Self {
         self.thrusters = Some(thrusters);
         self
@@ -212,12 +212,12 @@ impl CaptureMission {
         &self.model
     }
 
-    /// Motion of the target, as far as it is known.
+    /// Motion of the target, as far as known.
     pub fn track(&self) -> &TargetTrack {
         &self.track
     }
 
-    /// Pose of the chosen grasp frame in the measured one.
+    /// Pose of the chosen grasp frame in the measured grasp frame.
     pub fn X_GK(&self) -> &Pose {
         &self.config.grasps[self.grasp]
     }
@@ -245,7 +245,7 @@ impl CaptureMission {
         &self.reports
     }
 
-    /// When it ended \[s\], if it is over.
+    /// End of the mission \[s\], if it is over.
     pub fn ended(&self) -> Option<f64> {
         let last = self.reports.last()?;
         last.phase.is_over().then_some(last.start)
@@ -256,13 +256,13 @@ impl CaptureMission {
         self.abort_requested
     }
 
-    /// Why it was aborted, if it was.
+    /// Reason of the abort, if the mission was aborted.
     pub fn abort_reason(&self) -> Option<&str> {
         let last = self.reports.last()?;
         (last.phase == Phase::Aborted).then_some(last.outcome.as_str())
     }
 
-    /// The condition that it waits for, as a line; empty if it does not wait.
+    /// The condition for which the mission waits, as a line; empty if it does not wait.
     pub fn waits_for(&self) -> &str {
         match self.stage {
             Stage::Observe | Stage::Plan(_) => &self.note,
@@ -270,12 +270,12 @@ impl CaptureMission {
         }
     }
 
-    /// Whether an operator has paused it.
+    /// Whether an operator has paused the mission.
     pub fn is_paused(&self) -> bool {
         self.is_paused
     }
 
-    /// The target's mass, centre of mass and inertia in the tip's frame: presumed, or as identified; `None` before the
+    /// The target's mass, centre of mass and inertia in the tip's frame: assumed or identified; `None` before the
     /// grasp.
     pub fn payload(&self) -> Option<&RigidInertia> {
         self.held.as_ref().map(|held| &held.payload)
@@ -301,7 +301,7 @@ impl CaptureMission {
             Stage::Observe => self.track.span() / self.config.observe_time,
             Stage::Plan(_) | Stage::Stop(..) => 0.0,
             Stage::Approach { plan, .. } => {
-                // The plan itself begins where it was last planned.
+                // A plan starts where it was last replanned.
                 let start = self
                     .reports
                     .last()
@@ -333,12 +333,12 @@ impl CaptureMission {
         }
     }
 
-    /// Report of the gripper: whether it holds the target. Without such a report the arm pulls to find out.
+    /// Sets the gripper's report whether it holds the target. Without a report the arm tests the grasp by pulling.
     pub fn set_grip(&mut self, holds: Option<bool>) {
         self.grip = holds;
     }
 
-    /// Pauses: the arm stops, or keeps its distance from the target; no couple acts.
+    /// Pauses the mission: the arm stops, or keeps its distance from the target; no couple acts.
     ///
     /// # Errors
     /// [`MissionError::Over`].
@@ -358,8 +358,8 @@ impl CaptureMission {
         Ok(())
     }
 
-    /// Ends the present phase early: observation (the arm approaches although the prediction is uncertain), detumbling or
-    /// identification.
+    /// Ends the present phase early: observation (the arm then approaches although the prediction is uncertain),
+    /// detumbling or identification.
     ///
     /// # Errors
     /// [`MissionError`].
@@ -374,7 +374,8 @@ impl CaptureMission {
         }
     }
 
-    /// Aborts: the tip retreats if it is close to the target, then the joints stop. A target that is held stays held.
+    /// Aborts the mission: the tip retreats if it is close to the target, then the joints stop. A held target remains
+    /// held.
     ///
     /// # Errors
     /// [`MissionError::Over`].
@@ -401,7 +402,7 @@ impl CaptureMission {
         }
     }
 
-    /// Answers a sample.
+    /// Processes a sample and returns the commands.
     ///
     /// # Errors
     /// [`MissionError::Sample`].
@@ -495,11 +496,11 @@ impl CaptureMission {
         &mut self.reports[last]
     }
 
-    /// The robot holds the payload from now on, which is presumed, or identified.
+    /// Sets the payload, assumed or identified, that the robot holds from now on.
     fn take(&mut self, payload: RigidInertia, is_identified: bool) -> Result<(), InertiaError> {
         let model = with_payload(&self.model, &self.tip, &payload)?;
         let X_EG = self.held.as_ref().and_then(|held| held.X_EG);
-        // Until it is known, the target may be the heaviest.
+        // Until the payload is identified, the target may be the heaviest.
         let largest = match is_identified {
             true => payload,
             false => self.heaviest(&payload.com),

@@ -1,15 +1,15 @@
-//! Phases of a mission, and the quantities that are reported of each.
+//! Phases of a mission, and the reported quantities of each.
 
 /// A phase.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
-    /// Watches the target until its motion can be predicted well enough.
+    /// Observes the target until its motion can be predicted accurately enough.
     Observe,
     /// Searches for a rendezvous.
     Plan,
-    /// Moves the arm to the rendezvous at a distance from the grasp frame.
+    /// Moves the arm to the rendezvous, at a distance from the grasp frame.
     Approach,
-    /// Closes in, grasps, and pulls to find out whether it holds.
+    /// Final approach, grasp, and test pull to check whether the target is held.
     Grasp,
     /// Stops the rotation of robot and target.
     Detumble,
@@ -32,7 +32,7 @@ impl Phase {
         Self::Identify,
     ];
 
-    /// Its name.
+    /// Name of the phase.
     pub fn name(self) -> &'static str {
         match self {
             Self::Observe => "observe",
@@ -72,7 +72,7 @@ pub struct PhaseReport {
     pub start: f64,
     /// When it ended \[s\]; `None` while it lasts.
     pub end: Option<f64>,
-    /// How it ended, as a line; empty while it lasts.
+    /// Result of the phase, as a line; empty while it lasts.
     pub outcome: String,
     /// Figures.
     pub figures: Vec<PhaseFigure>,
@@ -97,7 +97,7 @@ impl PhaseReport {
         }
     }
 
-    /// The same, if it is larger than before.
+    /// Sets a figure if it is larger than before.
     pub(super) fn raise(&mut self, name: &'static str, value: f64, unit: &'static str) {
         let before = self.figure(name).unwrap_or(f64::NEG_INFINITY);
         if value > before {
@@ -105,7 +105,7 @@ impl PhaseReport {
         }
     }
 
-    /// A figure by name.
+    /// The figure with this name.
     pub fn figure(&self, name: &str) -> Option<f64> {
         let found = self.figures.iter().find(|f| f.name == name);
         found.map(|f| f.value)

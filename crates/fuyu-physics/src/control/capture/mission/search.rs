@@ -11,21 +11,21 @@ const SEARCH_PERIOD: f64 = 2.0;
 /// Least cosine of the angle between the approach axis and the line from the robot to the target's centre of mass.
 const FACING: f64 = 0.1;
 
-/// A search: all durations of the approach with all grasp frames, the shortest first.
+/// A search over all durations of the approach and all grasp frames, shortest duration first.
 #[derive(Debug, Clone)]
 pub(in crate::control::capture) struct Search {
-    /// When it begins \[s\].
+    /// Time at which it starts \[s\].
     begin: f64,
-    /// Duration \[s\] and grasp frame of those that are left; `None` before it begins.
+    /// Remaining candidates: duration \[s\] and index of the grasp frame; `None` before the start.
     left: Option<VecDeque<(f64, usize)>>,
-    /// The best plan, with its grasp frame and duration.
+    /// The best plan, with the index of its grasp frame and its duration.
     best: Option<(Plan, usize, f64)>,
     /// Why the last candidate failed.
     failure: String,
 }
 
 impl Search {
-    /// One that begins at `time` \[s\].
+    /// A search that starts at `time` \[s\].
     pub fn at(time: f64) -> Self {
         Self {
             begin: time,
@@ -37,7 +37,7 @@ impl Search {
 }
 
 impl CaptureMission {
-    /// Tries the next candidate, and begins the approach after the last one.
+    /// Tries the next candidate, and starts the approach after the last one.
     pub(super) fn search(&mut self, time: f64, mut search: Box<Search>) -> Stage {
         self.track_reference();
         if self.is_paused || time < search.begin {
@@ -74,7 +74,7 @@ impl CaptureMission {
             return self.search_again(time, search.failure);
         };
         self.choose(grasp);
-        // Time has gone on since that candidate was tried.
+        // Time has passed since that candidate was tried.
         match self.plan_to(&self.start(time), plan.arrival, Some(&plan)) {
             Ok(plan) => self.begin_approach(time, plan),
             Err(e) => self.search_again(time, e.to_string()),
@@ -89,11 +89,11 @@ impl CaptureMission {
         times.into_iter().flat_map(of).collect()
     }
 
-    /// A plan with a duration \[s\] and a grasp frame, or why there is none.
+    /// A plan with a duration \[s\] and a grasp frame, or the reason why there is none.
     fn candidate(&mut self, time: f64, duration: f64, grasp: usize) -> Result<Plan, String> {
         let arrival = time + duration;
         self.choose(grasp);
-        // The limits held when observation ended, or were skipped.
+        // The limits were met at the end of observation, or were skipped.
         if let Some(reason) = self.too_uncertain(arrival) {
             return Err(reason);
         }
@@ -123,7 +123,7 @@ impl CaptureMission {
         }
     }
 
-    /// Waits, and then searches again; unless it has waited for too long.
+    /// Searches again later, unless the mission has waited for too long.
     fn search_again(&mut self, time: f64, reason: String) -> Stage {
         self.note.clone_from(&reason);
         if self.waited <= self.config.observe_timeout {
@@ -132,7 +132,7 @@ impl CaptureMission {
         self.give_up_waiting(time, Some(reason))
     }
 
-    /// Aborts because the approach has not begun in time.
+    /// Aborts because the approach has not started in time.
     pub(super) fn give_up_waiting(&mut self, time: f64, reason: Option<String>) -> Stage {
         let reason = (self.lost(time))
             .or(reason)

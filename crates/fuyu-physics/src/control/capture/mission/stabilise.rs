@@ -1,4 +1,4 @@
-//! Detumbling and identification of a target that is held.
+//! The phases detumble and identify, with a held target.
 
 use nalgebra::Vector3;
 
@@ -12,9 +12,9 @@ use crate::dynamics::Workspace;
 use crate::estimation::inertia::{GyroSample, identify};
 use crate::spatial::RigidInertia;
 
-/// Time constant of the end of detumbling \[s\].
+/// Time constant of the final phase of detumbling \[s\].
 pub(super) const TIME_CONSTANT: f64 = 3.0;
-/// How long the rotation must have been slow \[s\].
+/// Time for which the rotation must have been slow \[s\].
 const CALM: f64 = 1.0;
 /// Time between two samples for the identification \[s\].
 const SAMPLING: f64 = 0.01;
@@ -23,17 +23,17 @@ const SAMPLING: f64 = 0.01;
 #[derive(Debug, Clone)]
 pub(in crate::control::capture) struct Detumbling {
     begin: f64,
-    /// Joints come to rest by polynomials.
+    /// Polynomials by which the joints come to rest.
     settling: Vec<[f64; 6]>,
     settle_time: f64,
-    /// Angular velocity at the begin, and now \[rad/s\].
+    /// Angular velocity at the start, and now \[rad/s\].
     rates: (f64, f64),
     limit: f64,
     calm_since: Option<f64>,
 }
 
 impl Detumbling {
-    /// By the logarithm of the rate.
+    /// Progress on a logarithmic scale of the rate.
     pub fn progress(&self) -> f64 {
         let (first, now) = self.rates;
         match first > self.limit && now > 0.0 {
@@ -43,7 +43,7 @@ impl Detumbling {
     }
 }
 
-/// How far joints are off their references, and how far these move: sums of squares.
+/// Accuracy of the joints: sums of squares of their errors and of the motion of their references.
 #[derive(Debug, Clone, Copy, Default)]
 pub(in crate::control::capture) struct Accuracy {
     errors: f64,
@@ -56,7 +56,7 @@ impl Accuracy {
         self.motion += motion * motion;
     }
 
-    /// Root mean square of the errors over that of the motion.
+    /// Root mean square of the errors, divided by that of the motion.
     fn relative(&self) -> f64 {
         match self.motion > 0.0 {
             true => (self.errors / self.motion).sqrt(),
@@ -65,20 +65,20 @@ impl Accuracy {
     }
 }
 
-/// Identification: an excitation, and another one with the inertia that it has shown, as large as that allows.
+/// Identification: an excitation, and a second one sized for the inertia identified from the first.
 #[derive(Debug, Clone)]
 pub(in crate::control::capture) struct Identifying {
     excitation: Excitation,
     begin: f64,
     samples: Vec<GyroSample>,
-    /// How many of them are of the excitation before.
+    /// Number of samples from the previous excitation.
     earlier: usize,
     sampled: f64,
     accuracy: Accuracy,
-    /// For which body it is sized.
+    /// The body for which the excitation is sized.
     body: RigidInertia,
     is_again: bool,
-    /// How the joints come to rest in a pause.
+    /// Motion by which the joints come to rest in a pause.
     rest: Option<Box<JointSpline>>,
 }
 
@@ -156,7 +156,7 @@ impl CaptureMission {
         Stage::Detumble(detumbling)
     }
 
-    /// Sets the couple against the angular momentum of robot and target.
+    /// Sets the couple that opposes the angular momentum of robot and target.
     fn oppose_momentum(&mut self, w: &Vector3<f64>) {
         let own = self.own.state();
         let attitude = (own.R_WB, self.own.w_IB_B());
@@ -196,13 +196,13 @@ impl CaptureMission {
         self.stop(AfterStop::Abort(reason))
     }
 
-    /// The heaviest body that the target may be, with its centre of mass at `com` in the tip's frame.
+    /// The heaviest possible target, with its centre of mass at `com` in the tip's frame.
     pub(super) fn heaviest(&self, com: &Vector3<f64>) -> RigidInertia {
         let (mass, gyration) = self.config.heaviest;
         presumed(mass, *com, gyration)
     }
 
-    /// Begins to move the joints for the identification, as far as the limits at the grasp allow with `body`.
+    /// Starts an excitation, as large as the limits at the grasp allow with `body`.
     fn excite(&mut self, time: f64, body: RigidInertia, samples: Vec<GyroSample>) -> Stage {
         let n = self.reference.len();
         let positions: Vec<f64> = self.reference.iter().map(|p| p.position).collect();
@@ -236,7 +236,7 @@ impl CaptureMission {
             return self.pause_identification(time, identifying);
         }
         if identifying.rest.is_some() {
-            // With the samples of the excitation before, if there was one.
+            // Includes the samples of the previous excitation, if there was one.
             let mut kept = identifying.samples;
             kept.truncate(identifying.earlier);
             return self.excite(time, identifying.body, kept);
@@ -279,7 +279,7 @@ impl CaptureMission {
         };
         self.report().set(name, accuracy, "");
         match (self.evaluate(&identifying.samples), is_again) {
-            // A light target may be moved further for the same force.
+            // For the same force, a light target may be moved further.
             (Ok(body), false) => self.excite(time, body, identifying.samples),
             (Ok(_), true) => {
                 self.enter(time, Phase::Done, "captured, stopped and identified");
@@ -289,7 +289,7 @@ impl CaptureMission {
         }
     }
 
-    /// A pause: joints come to rest, and the excitation starts again afterwards.
+    /// A pause: the joints come to rest; the excitation restarts afterwards.
     fn pause_identification(&mut self, time: f64, identifying: Identifying) -> Stage {
         let mut identifying = identifying;
         let rest = identifying
@@ -302,7 +302,7 @@ impl CaptureMission {
         Stage::Identify(identifying)
     }
 
-    /// Identifies the target from the samples, and computes with it from now on. Its inertia in the tip's frame.
+    /// Identifies the target from the samples, and uses the result from now on. Returns its inertia in the tip's frame.
     fn evaluate(&mut self, samples: &[GyroSample]) -> Result<RigidInertia, String> {
         let noise = self.config.gyro_noise;
         let found = identify(&self.model, &self.tip, samples, None, noise);

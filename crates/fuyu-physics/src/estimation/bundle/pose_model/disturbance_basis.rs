@@ -1,21 +1,22 @@
-//! Effects of small disturbances on the attitude: angular acceleration of the body, and errors of the camera's gyro.
+//! Sensitivities of the attitude to small disturbances: angular acceleration of the body, and errors of the camera's
+//! gyro.
 
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 
 use super::super::free_motion::{FreeMotion, Sensitivity};
 
-/// Rotation (body axes) and impulse (inertial axes) at a time due to an angular acceleration.
+/// Sensitivity of rotation (body axes) and impulse (inertial axes) at a time to `K` angular accelerations ("courses").
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Response<const K: usize> {
-    /// Rotation by the acceleration of each course \[s²\].
+    /// Rotation by the amplitude of each course \[s²\].
     pub turn: [Matrix3<f64>; K],
-    /// Impulse of each course since the reference time \[s\].
+    /// Impulse since the reference time by the amplitude of each course \[s\].
     pub impulse: [Matrix3<f64>; K],
 }
 
-/// Responses of `motion` at ascending `times` to angular accelerations, to first order. `course` gives each acceleration in
-/// inertial axes, by its three unknowns, at a time and an attitude; `attitudes` are those of the motion at `times`, with
-/// sensitivities.
+/// First-order responses of `motion` at ascending `times` to angular accelerations. `course` gives the time history of
+/// each: at a time and an attitude, the acceleration in inertial axes as a matrix times its three amplitudes.
+/// `attitudes` are the attitudes of the motion at `times`, with sensitivities.
 ///
 /// An impulse `δL` at `s` rotates the body at `t` by `B(t, s) δL = (B(t) - A(t) A(s)⁻¹ B(s)) δL`, where `A(t)` and
 /// `B(t)` are the derivatives of the rotation at `t` by rotation and momentum at the reference time. The integral
@@ -34,7 +35,7 @@ pub fn responses<const K: usize>(
     let split = times.partition_point(|t| *t < motion.time);
     let by_turn = motion.shape_by_turn();
     let mut walk = |order: &mut dyn Iterator<Item = usize>| {
-        // The integral of A⁻¹ B times the course and that of the course; A⁻¹ B and the attitude at the time before.
+        // Integrals of A⁻¹ B times the courses and of the courses; A⁻¹ B and the attitude at the previous time.
         let (mut sum, mut impulse) = ([Matrix3::zeros(); K], [Matrix3::zeros(); K]);
         let (mut before, mut last) = (Matrix3::zeros(), motion.time);
         let mut R_before = *motion.R_WB.to_rotation_matrix().matrix();
@@ -67,9 +68,9 @@ pub const INTERVALS: usize = 12;
 /// Number of unknowns of the gyro's error: bias, and the random walk's increments.
 pub const GYRO: usize = 3 + 3 * INTERVALS;
 
-/// Error of the camera's attitude in inertial axes by bias and increments of a random walk, at each time; zero at the
-/// last. The attitude is `exp(error) R_WC`. `noise` is the random walk \[rad/√s\], `bias` the bias of a unit
-/// \[rad/s\].
+/// Sensitivity of the error of the camera's attitude (inertial axes) to bias and random-walk increments, at each time;
+/// zero at the last time. The attitude is `exp(error) R_WC`. `noise` is the random walk \[rad/√s\] and `bias` the bias
+/// \[rad/s\] of one unit.
 pub fn gyro_error(
     times: &[f64],
     R_WC: &[UnitQuaternion<f64>],
@@ -91,7 +92,7 @@ pub fn gyro_error(
         }
         out[i].fixed_columns_mut::<3>(0).copy_from(&sum);
         for k in 0..INTERVALS {
-            // Share of the interval that is still to come.
+            // Fraction of the interval that is still to come.
             let end = first + interval * (k + 1) as f64;
             let share = ((end - times[i]) / interval).clamp(0.0, 1.0);
             out[i]
@@ -153,7 +154,8 @@ mod tests {
     use super::*;
     use nalgebra::SVector;
 
-    /// Torques that act in small impulses, each of which changes the momentum of the free motion since then.
+    /// Compares with torques that act as small impulses, each of which changes the momentum of the free motion from
+    /// then on.
     #[test]
     fn responses_are_those_of_small_impulses() {
         let shape = SVector::<f64, 5>::new(0.3, -0.2, 0.1, 0.05, -0.15);

@@ -1,9 +1,10 @@
-//! Rotation with disturbances: deviations from a free rotation before a calibrated camera, as unknowns with priors.
+//! Rotation with disturbances: deviations from torque-free rotation and from the camera's calibration, as unknowns with
+//! priors.
 //!
-//! A random walk of the angular acceleration in inertial axes, a constant one in body axes, errors of the camera's gyro, curvature of the centre of
-//! mass's path, and errors of the camera's intrinsics. Each has a prior width that stands for what is usual;
-//! `prior_scales` chooses a larger or smaller one where the images support it. All of them act to first order on a
-//! torque-free motion.
+//! The unknowns are a random walk of the angular acceleration in inertial axes, a constant angular acceleration in body axes,
+//! errors of the camera's gyro, curvature of the centre of mass's path, and errors of the camera's intrinsics. Each has a
+//! prior with a typical width; `prior_scales` selects a larger or smaller one where the images support it. All of them act
+//! to first order on a torque-free motion.
 
 use std::rc::Rc;
 
@@ -17,17 +18,17 @@ use super::disturbance_basis::{
 use super::{FramePose, PoseModel};
 use crate::spatial::exp_so3;
 
-/// Number of intervals in which the angular acceleration is constant.
+/// Number of intervals with constant angular acceleration in inertial axes.
 pub const STEPS: usize = 4;
 
-/// Number of courses of the angular acceleration: constant in inertial axes from the beginning of each interval on, and
-/// constant in body axes, as of outgassing.
+/// Number of time histories ("courses") of the angular acceleration: for each interval, constant in inertial axes from
+/// its beginning on; and one that is constant in body axes, as of outgassing.
 const COURSES: usize = STEPS + 1;
 
 /// Number of unknowns of the angular acceleration.
 pub const TORQUE: usize = 3 * COURSES;
 
-/// Unknowns of a path without independent positions: position and velocity, then its curvature.
+/// Unknowns of a smooth path: position and velocity, then its curvature.
 pub const LINE: usize = 6;
 const CURVATURE: usize = 9;
 
@@ -40,7 +41,7 @@ pub const SMOOTH: usize = OTHERS + LINE + CURVATURE + INTRINSICS;
 /// Number of common unknowns with independent positions: rotation, torque, gyro, intrinsics.
 pub const INDEPENDENT: usize = OTHERS + GYRO + INTRINSICS;
 
-/// Standard deviation that holds the scale, of the depth.
+/// Standard deviation of the prior that fixes the scale: of the depth at the first frame.
 const SCALE: f64 = 1e-7;
 
 /// Standard deviations of the disturbances where nothing else is known.
@@ -48,9 +49,9 @@ const SCALE: f64 = 1e-7;
 pub struct Widths {
     /// Angular acceleration \[rad/s²\].
     pub acceleration: f64,
-    /// Time in which it changes by as much as itself \[s\].
+    /// Correlation time of the angular acceleration \[s\].
     pub correlation_time: f64,
-    /// Acceleration of the centre of mass over its distance \[1/s²\].
+    /// Acceleration of the centre of mass divided by its distance \[1/s²\].
     pub path: f64,
     /// Random walk of the integrated gyro \[rad/√s\].
     pub gyro_noise: f64,
@@ -58,14 +59,14 @@ pub struct Widths {
     pub gyro_bias: f64,
     /// Focal length, relative.
     pub focal: f64,
-    /// Principal point, over the focal length.
+    /// Principal point, divided by the focal length.
     pub centre: f64,
     /// First radial coefficient.
     pub radial: f64,
 }
 
 impl Widths {
-    /// Nothing disturbs a free rotation before a camera whose calibration is exact, as in a simulation.
+    /// No disturbances: torque-free rotation and exact calibration, as in a simulation.
     pub const NONE: Self = Self {
         acceleration: 0.0,
         correlation_time: 300.0,
@@ -79,11 +80,11 @@ impl Widths {
 }
 
 impl Default for Widths {
-    /// A tracked body in low Earth orbit, before a calibrated camera. Gravity gradient turns a body of moments `A < B`
-    /// by at most `1.5 n² (B - A) / I`, some 1e-6 rad/s² for a body that is as slender as most. Its mean over 20 to 60 s is
-    /// less, as the body tumbles: 2.1e-7 rad/s² (root mean square of an axis, random boxes). The rest is for drag and
-    /// outgassing; larger torques are found by their evidence. The relative acceleration of its centre is `3 n²` times
-    /// the distance.
+    /// For a tracked body in low Earth orbit and a calibrated camera. The gravity gradient accelerates a body of
+    /// moments `A < B` by at most `1.5 n² (B - A) / I`, some 1e-6 rad/s² for a body of common slenderness. The mean
+    /// over 20 to 60 s is less, as the body tumbles: 2.1e-7 rad/s² (root mean square of an axis, random boxes). The
+    /// rest is for drag and outgassing; larger torques are found by their evidence. The relative acceleration of the
+    /// centre of mass is `3 n²` times the distance.
     fn default() -> Self {
         Self {
             acceleration: 3e-7,
@@ -107,7 +108,7 @@ pub struct Orbit {
     pub directions: (Vector3<f64>, Vector3<f64>),
 }
 
-/// Position by position and displacement of the line, and values of the curvature's polynomials.
+/// Derivatives of the position by position and displacement of the line, and values of the curvature's polynomials.
 type PathBasis = (Matrix3<f64>, Matrix3<f64>, [f64; 3]);
 
 /// Constants of the fit.
@@ -116,20 +117,20 @@ struct Fixed {
     times: Vec<f64>,
     R_WC: Vec<UnitQuaternion<f64>>,
     gyro: Vec<SMatrix<f64, 3, GYRO>>,
-    /// Position by path unknowns: of position, of displacement, and the curvature's polynomials.
+    /// Position by the unknowns of the path, in each frame.
     path: Vec<PathBasis>,
-    /// The same for the velocity at the last frame.
+    /// Velocity at the last frame by the unknowns of the path.
     end_rates: PathBasis,
     widths: Widths,
     noise: f64,
 }
 
-/// Scales of the prior widths that the images may change.
+/// Factors on the prior widths, selected by the evidence of the images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scales {
-    /// Of the angular acceleration.
+    /// Factor on the width of the angular acceleration.
     pub torque: f64,
-    /// Of the curvature of the path, or of the gyro's errors.
+    /// Factor on the width of the path's curvature, or of the gyro's errors.
     pub other: f64,
 }
 
@@ -149,7 +150,7 @@ pub struct Disturbed {
     pub motion: FreeMotion,
     /// Angular accelerations in units of their widths.
     torque: SVector<f64, TORQUE>,
-    /// Path (line, curvature) or gyro (bias, increments), the latter in units of their widths.
+    /// Path (line, curvature) or errors of the gyro (bias, increments); curvature and gyro in units of their widths.
     others: SVector<f64, GYRO>,
     /// Positions, if independent.
     t_C: Vec<Vector3<f64>>,
@@ -157,19 +158,19 @@ pub struct Disturbed {
     pub intrinsics: Intrinsics,
     /// Scales of the priors.
     pub scales: Scales,
-    /// Number of unknowns that the priors determine, as a sum of shares.
+    /// Effective number of unknowns that the priors determine instead of the images.
     pub held: f64,
-    /// Standard deviation of the inertia's shape in the fit; small for a body that is taken to be a sphere, whose
-    /// covariance has [`SHAPE_SPREAD`] nevertheless.
+    /// Standard deviation of the shape's prior in the fit; small for a body that is taken to be a sphere, whose
+    /// covariance uses [`SHAPE_SPREAD`] nevertheless.
     pub shape_spread: f64,
-    /// The mean of that prior; zero is a sphere.
+    /// Mean of the shape's prior; zero is a sphere.
     shape_mean: SVector<f64, 5>,
     attitudes: Vec<(UnitQuaternion<f64>, Sensitivity)>,
     responses: Vec<Response<COURSES>>,
     fixed: Rc<Fixed>,
 }
 
-/// The angular accelerations in inertial axes at a time and an attitude, by unknowns in units of their widths.
+/// Angular accelerations in inertial axes at a time and an attitude, by unknowns in units of their widths.
 fn courses(
     times: &[f64],
     widths: &Widths,
@@ -189,9 +190,9 @@ fn courses(
 }
 
 impl Disturbed {
-    /// `motion` in frames at `times` (ascending) of a camera with attitudes `R_WC`, without disturbances yet. With a
-    /// `line` (position at the first frame, displacement to the last) the path is smooth, otherwise positions are
-    /// `t_C`.
+    /// A model without disturbances yet, for frames at `times` (ascending) of a camera with attitudes `R_WC`. With a
+    /// `line` (position at the first frame, displacement to the last) the path is smooth; otherwise `t_C` are the
+    /// positions.
     #[expect(clippy::too_many_arguments, reason = "all of them are different")]
     pub fn new(
         motion: FreeMotion,
@@ -205,7 +206,7 @@ impl Disturbed {
     ) -> Self {
         let first = times.first().copied().unwrap_or_default();
         let whole = (times.last().copied().unwrap_or_default() - first).max(f64::MIN_POSITIVE);
-        // Amplitude of the polynomial of degree 2 for an acceleration that is constant; less for its changes.
+        // Amplitude of the polynomial of degree 2 for a constant acceleration; degrees 3 and 4 are for its changes.
         let bend = widths.path * whole * whole / 12.0;
         let bends = |values: [f64; 3]| {
             [
@@ -252,7 +253,7 @@ impl Disturbed {
         };
         let mut others = SVector::<f64, GYRO>::zeros();
         let mut t_C = t_C;
-        // Disturbances without width; the covariance of the fit tells more.
+        // Number of unknowns that a zero width fixes, until the covariance of the fit gives the effective number.
         let camera = [widths.focal, widths.centre, widths.centre, widths.radial];
         let is_smooth = line.is_some();
         let counts = [
@@ -286,8 +287,8 @@ impl Disturbed {
         model
     }
 
-    /// The same angular velocity with a body of another `shape`, which is also the mean of its prior. `None` if no body
-    /// has this shape.
+    /// The same angular velocity with a body of another `shape`, which also becomes the mean of the shape's prior.
+    /// `None` if no body can have this shape.
     pub fn with_shape(&self, shape: &SVector<f64, 5>) -> Option<Self> {
         let FreeMotion {
             momentum,
@@ -308,7 +309,7 @@ impl Disturbed {
         Some(other)
     }
 
-    /// The same with another mean of the shape's prior; zero is a sphere.
+    /// The same model with another mean of the shape's prior; zero is a sphere.
     pub fn with_expected_shape(&self, mean: &SVector<f64, 5>) -> Self {
         Self {
             shape_spread: SHAPE_SPREAD,
@@ -348,7 +349,7 @@ impl Disturbed {
         out
     }
 
-    /// Attitude `R_WB` in frame `i`, and the rotation in it that is due to torques (body axes).
+    /// Attitude `R_WB` in frame `i`, and the part of its rotation that torques cause (body axes).
     fn attitude(&self, i: usize) -> (UnitQuaternion<f64>, Vector3<f64>) {
         let turn = self.by_torque(i) * self.torque;
         (self.attitudes[i].0 * exp_so3(&turn), turn)
@@ -407,9 +408,9 @@ impl Disturbed {
         ))
     }
 
-    /// The free motion that continues this one after the last frame, with its reference there; the angular
-    /// acceleration (inertial axes, \[rad/s²\]) at that time; and the derivatives of rotation (body axes), shape,
-    /// momentum and acceleration at the last frame by the common unknowns.
+    /// The free motion that continues this one after the last frame, with its reference there; the angular acceleration
+    /// (inertial axes, \[rad/s²\]) at that time; and the derivatives of rotation (body axes), shape, momentum and
+    /// acceleration at the last frame by the common unknowns.
     pub fn last_state<const G: usize>(&self) -> (FreeMotion, Vector3<f64>, SMatrix<f64, 14, G>) {
         let last = self.times().len() - 1;
         let time = self.times()[last];
@@ -430,7 +431,7 @@ impl Disturbed {
         };
         let R = *R_WB.to_rotation_matrix().matrix();
         let mut heights = courses(self.times(), &self.fixed.widths)(time, &R);
-        // What acts in body axes turns with the body: only the part along the momentum lasts.
+        // An acceleration in body axes turns with the body: only its part along the momentum persists.
         let along = motion.momentum.normalize();
         heights[STEPS] = along * along.tr_mul(&heights[STEPS]);
         let mut by_common = SMatrix::<f64, 14, G>::zeros();

@@ -1,7 +1,8 @@
 //! Torque-free rotation with an independent position in every frame.
 //!
 //! Unknowns: the motion's eight parameters, the points, and the position of the body's origin in each frame. The
-//! positions are independent on purpose: this costs little, and neither the orbit nor the camera's path need be known.
+//! positions are independent on purpose: neither the orbit nor the camera's path need be known, at little loss of
+//! accuracy.
 
 use std::borrow::Cow;
 
@@ -33,7 +34,7 @@ pub struct FreePositions<'a> {
 }
 
 impl<'a> FreePositions<'a> {
-    /// `motion` in frames at `times` (ascending) of a camera with attitudes `R_WC`; `focal_deviation` is the relative
+    /// `motion` for frames at `times` (ascending) of a camera with attitudes `R_WC`; `focal_deviation` is the relative
     /// standard deviation of the nominal focal length, zero to hold it.
     pub fn new(
         motion: FreeMotion,
@@ -91,7 +92,7 @@ impl TumblingModel for FreePositions<'_> {
             t_C: (0..self.t_C.len()).map(shifted).collect(),
             attitudes: motion.attitudes_and_sensitivities(&self.times),
             motion,
-            // It is not known of this motion that a sphere explains the images.
+            // Whether a sphere explains the images is not known for this motion.
             shape_spread: SHAPE_SPREAD,
             ..self.clone()
         })
@@ -181,7 +182,8 @@ impl PoseModel<3, COMMON> for FreePositions<'_> {
         })
     }
 
-    /// Inertia shapes are spherical within [`SHAPE_SPREAD`], which decides where the images do not.
+    /// Prior on the inertia's shape: a sphere within [`SHAPE_SPREAD`], which matters where the images do not determine
+    /// the shape.
     fn prior(&self) -> (SVector<f64, COMMON>, SVector<f64, COMMON>) {
         let (mut weights, mut distance) = (SVector::zeros(), SVector::zeros());
         let shape = shape_of(&self.motion.inertia);

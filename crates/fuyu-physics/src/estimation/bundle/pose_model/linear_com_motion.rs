@@ -1,8 +1,8 @@
 //! Torque-free rotation with linear motion of the centre of mass, for a camera that does not rotate.
 //!
-//! Six unknowns replace three per frame, which makes attitudes more certain: a rotation about an axis across the line
-//! of sight can no longer be mistaken for a translation. The residuals show whether the body moves in this way (it
-//! does not if its orbit is curved or the camera accelerates).
+//! Six unknowns replace three per frame, so attitudes are more certain: a rotation about an axis across the line of
+//! sight can no longer be mistaken for a translation. The residuals show whether the motion is linear (it is not if the
+//! orbit is curved or the camera accelerates).
 
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -27,8 +27,8 @@ pub struct LinearComMotion<'a> {
 }
 
 impl<'a> LinearComMotion<'a> {
-    /// The line nearest to the positions of `free`, and the centre of mass in the body axes of `free`. After a rotation that does
-    /// not determine the centre it is near the mean of the body's `points`.
+    /// The line that fits the positions of `free` best, and the centre of mass in the body axes of `free`. If the
+    /// rotation does not determine the centre, a prior places it near the mean of the body's `points`.
     pub fn new(free: FreePositions<'a>, points: &[Vector3<f64>]) -> Option<(Self, Vector3<f64>)> {
         let count = points.len().max(1) as f64;
         let mean = points.iter().sum::<Vector3<f64>>() / count;
@@ -57,7 +57,7 @@ impl<'a> LinearComMotion<'a> {
             }
             Some(held.cholesky()?.solve(&g))
         };
-        // The residuals without a prior on the centre give the weight of the prior.
+        // The residuals without a prior on the centre determine the weight of the prior.
         let count = free.t_C.len() as f64;
         let least = 1e-9 * count;
         let open = solve(least)?;

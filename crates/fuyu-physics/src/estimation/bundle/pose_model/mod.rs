@@ -1,8 +1,9 @@
 //! Models of the body's pose in every frame, whose parameters bundle adjustment estimates.
 //!
-//! [`independent_poses`]: one pose per frame, no dynamics. [`free_positions`]: torque-free rotation, with a position of
-//! its own in each frame. [`linear_com_motion`]: torque-free rotation, centre of mass on a straight line. Another
-//! motion of the centre of mass is another file here that implements [`PoseModel`] and [`TumblingModel`].
+//! [`independent_poses`]: one pose per frame, no dynamics. [`free_positions`]: torque-free rotation, with an
+//! independent position in each frame. [`linear_com_motion`]: torque-free rotation, centre of mass on a straight line.
+//! [`disturbed`]: with disturbances. Another motion of the centre of mass is another file here that implements
+//! [`PoseModel`] and [`TumblingModel`].
 
 mod disturbance_basis;
 pub mod disturbed;
@@ -26,7 +27,8 @@ pub struct FramePose {
 }
 
 /// The body's pose in every frame as a function of `L` unknowns per frame (the last `L` of rotation and translation;
-/// zero if the common ones determine the pose) and `G` common ones, the last of which are intrinsics of the camera.
+/// none if the common unknowns determine the pose) and `G` common unknowns, the last of which are intrinsics of the
+/// camera.
 pub trait PoseModel<const L: usize, const G: usize>: Sized {
     /// Number of intrinsics among the common unknowns, the first ones of [`Intrinsics`].
     const CAMERA: usize;
@@ -35,13 +37,14 @@ pub trait PoseModel<const L: usize, const G: usize>: Sized {
     /// Derivatives of the pose in frame `i` by the common unknowns: rotation (body axes), then translation (camera
     /// axes).
     fn pose_by_common(&self, i: usize) -> SMatrix<f64, 6, G>;
-    /// Number of common unknowns that the prior determines instead of the images, as a sum of shares.
+    /// Effective number of common unknowns that the prior determines instead of the images.
     fn held(&self) -> f64 {
         0.0
     }
     /// The camera's intrinsics.
     fn intrinsics(&self) -> Intrinsics;
-    /// The model after a step in its unknowns; `None` if that is not possible (no such inertia, for example).
+    /// The model after a step in its unknowns; `None` if the step leads to an invalid model (no such inertia, for
+    /// example).
     fn moved(&self, frames: &[SVector<f64, L>], common: &SVector<f64, G>) -> Option<Self>;
     /// Prior on the common unknowns: weights \[px²\], and deviations from the expected values.
     fn prior(&self) -> (SVector<f64, G>, SVector<f64, G>);
@@ -62,8 +65,8 @@ pub trait TumblingModel: Sized {
     fn nutation(&self) -> f64;
     /// The same motion with spherical inertia.
     fn with_spherical_inertia(&self) -> Option<Self>;
-    /// The same motion in the frames `chosen` alone: ascending, with the first and the last one.
+    /// The same motion in the frames `chosen` alone, ascending, including the first and the last one.
     fn in_frames(&self, chosen: &[usize]) -> Self;
-    /// The motion of `other`, which has only some of these frames ([`TumblingModel::in_frames`]), in all of them.
+    /// The motion of `other`, a model of some of these frames ([`TumblingModel::in_frames`]), extended to all of them.
     fn with_motion_of(&self, other: &Self) -> Self;
 }

@@ -14,7 +14,7 @@ const FRAMES_AT_ONCE: usize = 8;
 /// The elimination of the frames, as a SIMD kernel.
 pub struct Elimination<'a, const L: usize, const G: usize> {
     pub system: &'a System<L, G>,
-    /// Relative to each diagonal entry.
+    /// Damping, relative to each diagonal entry.
     pub damping: f64,
 }
 
@@ -42,7 +42,8 @@ impl<const L: usize, const G: usize> WithSimd for Elimination<'_, L, G> {
     }
 }
 
-/// Normal equations of one frame without its own unknowns. With `H_ll = F Fᵀ` and `V = H_fl F⁻ᵀ` they are `H - V Vᵀ`.
+/// Normal equations of one frame after elimination of its own unknowns. With `H_ll = F Fᵀ` and `V = H_fl F⁻ᵀ` they are
+/// `H - V Vᵀ`.
 struct ReducedFrame<'a, const L: usize> {
     /// `F⁻¹`.
     inverse: SMatrix<f64, L, L>,
@@ -53,12 +54,13 @@ struct ReducedFrame<'a, const L: usize> {
     H: SMatrix<f64, FRAME, FRAME>,
     /// `V F⁻¹ g_l`.
     from_own: SVector<f64, FRAME>,
-    /// Rotation, and translation if it is no own unknown: three rows of `B`, and the columns where they are not zero.
+    /// Rotation, and translation unless it is an own unknown: three rows of `B`, and the columns where they are not
+    /// zero.
     groups: [(&'a [f64], &'a Range<usize>); 2],
 }
 
 impl<'a, const L: usize> ReducedFrame<'a, L> {
-    /// Also the factor `F`; `None` if `H_ll` is not positive definite.
+    /// The reduced equations of frame `i`, and the factor `F`; `None` if `H_ll` is not positive definite.
     #[inline(always)]
     fn of<S: Simd, const G: usize>(
         _: S,
@@ -93,7 +95,7 @@ impl<'a, const L: usize> ReducedFrame<'a, L> {
         Some((reduced, factor))
     }
 
-    /// The groups that follow from the common unknowns, with their first pose quantity.
+    /// The groups that depend on the common unknowns, each with the index of its first pose quantity.
     #[inline(always)]
     fn groups(&self) -> impl Iterator<Item = (usize, &'a [f64], &'a Range<usize>)> + use<'a, L> {
         let groups = self.groups.into_iter().take(2 - L / 3).enumerate();
@@ -160,7 +162,7 @@ impl<const L: usize, const G: usize> Sums<L, G> {
         }
     }
 
-    /// Adds what couples points with each other and with the common unknowns.
+    /// Adds the couplings of points with each other and with the common unknowns.
     #[inline(always)]
     fn add_couplings<S: Simd>(&mut self, simd: S, frame: &ReducedFrame<L>, couplings: &[Coupling]) {
         let width = row_length(couplings.len());
@@ -266,7 +268,7 @@ impl<const L: usize, const G: usize> Sums<L, G> {
     }
 }
 
-/// What is left for points and common unknowns.
+/// Factored system of points and common unknowns after elimination of the frames.
 pub struct Eliminated<const L: usize> {
     /// Factors of the frames' blocks.
     pub frames: Vec<Cholesky<f64, Const<L>>>,
@@ -339,7 +341,7 @@ fn add_sum<S: Simd>(
     }
 }
 
-/// `V X` without the rows that nothing needs: those of own unknowns if they are the whole pose.
+/// `V X` without the rows that are not needed: the pose, if all of it is own unknowns.
 #[inline(always)]
 fn product<S: Simd, const L: usize, const C: usize>(
     V: &SMatrix<f64, FRAME, L>,

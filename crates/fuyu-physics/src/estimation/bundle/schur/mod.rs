@@ -1,10 +1,11 @@
 //! Levenberg-Marquardt step by Schur complement, for unknowns of frames, of points, and common to all.
 //!
 //! Each observation depends on one frame and one point. A frame has [`FRAME`] quantities, pose and intrinsics: `L` of
-//! them are unknowns of its own, the others follow from the `G` common unknowns by the derivatives `B`. The own unknowns
-//! are eliminated first, in the `FRAME` quantities, where it is cheap; `B` then acts on what is left. The Schur complement
-//! couples only points that appear in the same frame. With points ordered by first appearance it has a narrow envelope,
-//! which the `envelope` module factors without touching zeros. The common unknowns come last.
+//! them are unknowns of its own, the others follow from the `G` common unknowns by the derivatives `B`. The own
+//! unknowns are eliminated first, in the `FRAME` quantities, where it is cheap; then `B` transforms the remainder to
+//! the common unknowns. The Schur complement couples only points that appear in the same frame. With points ordered by
+//! first appearance it has a narrow envelope, which the `envelope` module factors without touching zeros. The common
+//! unknowns come last.
 
 mod elimination;
 
@@ -149,8 +150,8 @@ impl<const L: usize, const G: usize> System<L, G> {
         self.g_g += gradient;
     }
 
-    /// Adds a frame with the couplings added since the frame before. `pose_by_common` are the derivatives of the pose by
-    /// the common unknowns: zero for the frame's own unknowns, and by intrinsics.
+    /// Adds a frame with the couplings added since the previous frame. `pose_by_common` are the derivatives of the pose
+    /// by the common unknowns; rows of the frame's own unknowns and columns of intrinsics are zero.
     pub fn add_frame(
         &mut self,
         H: SMatrix<f64, FRAME, FRAME>,
@@ -233,7 +234,7 @@ impl<const L: usize, const G: usize> System<L, G> {
         let mut frames = Vec::with_capacity(self.frames.len());
         let mut predicted_decrease = 0.0;
         for (i, (frame, chol)) in self.frames.iter().zip(&eliminated.frames).enumerate() {
-            // What the common unknowns move, then the points.
+            // First the step of the frame due to the common unknowns, then that due to the points.
             let mut moved = SVector::<f64, FRAME>::zeros();
             for (k, row) in self.pose_rows(i).chunks_exact(Self::STRIDE).enumerate() {
                 let span = frame.spans[k / 3].start..frame.spans[k / 3].end.min(G);
@@ -275,7 +276,7 @@ impl<const L: usize, const G: usize> System<L, G> {
         &self.by_common[i * length..][..length]
     }
 
-    /// Hessian and gradient of the common unknowns with frames and points eliminated: information, in units of the
+    /// Hessian and gradient of the common unknowns after elimination of frames and points: information, in units of the
     /// inverse of the residuals' variance.
     pub fn marginal(&self) -> Option<(SMatrix<f64, G, G>, SVector<f64, G>)> {
         // Scale and origin of the scene may be undetermined; a little damping keeps the matrix regular.
@@ -294,12 +295,12 @@ impl<const L: usize, const G: usize> System<L, G> {
         eliminated.reduced.solve(&mut solution);
         let solution = SVector::<f64, G>::from_fn(|i, _| solution[first + i]);
         let gradient = hessian * solution;
-        // The damping of the common unknowns is no information; subtract it.
+        // The damping of the common unknowns is not information; subtract it.
         let own = SMatrix::from_diagonal(&(self.diagonal_gg * REGULAR));
         Some((hessian - own, gradient))
     }
 
-    /// Covariance of each point with all else marginalised out, in units of the residuals' variance.
+    /// Covariance of each point with all other unknowns marginalised out, in units of the residuals' variance.
     pub fn point_covariances(&self) -> Option<Vec<SMatrix<f64, 3, 3>>> {
         let eliminated = self.eliminate(REGULAR)?;
         let mut column = vec![0.0; eliminated.reduced.rows()];
