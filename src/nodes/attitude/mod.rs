@@ -47,38 +47,38 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let params = params.map_err(|e| NodeError::Input(format!("node {}: {e}", node.name())))?;
     let (mut params, law) = params;
     let lifecycle = Lifecycle::new(node)?;
-    let mut work: Option<Work> = None;
-    let release = |work: &mut Option<Work>| {
-        if let Some(work) = work {
-            work.release();
+    let mut configured: Option<AttitudeNode> = None;
+    let release = |configured: &mut Option<AttitudeNode>| {
+        if let Some(configured) = configured {
+            configured.release();
         }
     };
-    let pass = |transition, work: &mut Option<Work>| {
+    let pass = |transition, configured: &mut Option<AttitudeNode>| {
         match transition {
-            Transition::Configure => *work = Some(Work::new(node)?),
+            Transition::Configure => *configured = Some(AttitudeNode::new(node)?),
             Transition::Activate => {
-                if let Some(work) = work.as_mut() {
-                    work.is_active = true;
+                if let Some(configured) = configured.as_mut() {
+                    configured.is_active = true;
                 }
             }
-            Transition::Deactivate => release(work),
+            Transition::Deactivate => release(configured),
             Transition::CleanUp | Transition::Shutdown => {
-                release(work);
-                *work = None;
+                release(configured);
+                *configured = None;
             }
         }
         Ok(())
     };
     if params.autostart {
-        lifecycle.start(|transition| pass(transition, &mut work))?;
+        lifecycle.start(|transition| pass(transition, &mut configured))?;
     }
     loop {
-        lifecycle.follow(|transition| pass(transition, &mut work));
+        lifecycle.follow(|transition| pass(transition, &mut configured));
         if law.changed() {
             params.law = params.named(&law.get());
         }
-        if let Some(work) = &mut work {
-            work.turn(node, &params)?;
+        if let Some(configured) = &mut configured {
+            configured.update(node, &params)?;
         }
         if !node.wait_for(SILENCE) {
             return Ok(());
@@ -87,7 +87,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
 }
 
 /// Endpoints and attitude loop of a configured node.
-struct Work {
+struct AttitudeNode {
     description: RobotDescription,
     inputs: Inputs,
     wheels: Publisher<JointState>,
@@ -106,7 +106,7 @@ struct Work {
     answered: Option<Stamp>,
 }
 
-impl Work {
+impl AttitudeNode {
     fn new(node: &Node) -> Result<Self, NodeError> {
         Ok(Self {
             description: RobotDescription::new(node, String::new())?,
@@ -125,7 +125,7 @@ impl Work {
     }
 
     /// Takes received messages, and answers the newest state if the node is active.
-    fn turn(&mut self, node: &Node, params: &AttitudeParams) -> Result<(), NodeError> {
+    fn update(&mut self, node: &Node, params: &AttitudeParams) -> Result<(), NodeError> {
         if let Some(robot) = self.description.changed() {
             match AttitudeLoop::new(params, &robot.model) {
                 Ok(attitude) => {

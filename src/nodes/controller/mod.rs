@@ -42,23 +42,25 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let (params, mut live) = ControllerParams::declare_live(&mut declare);
     declare.finish()?;
     let lifecycle = Lifecycle::new(node)?;
-    let mut work: Option<Work> = None;
-    let pass = |transition, work: &mut Option<Work>| {
+    let mut configured: Option<ControllerNode> = None;
+    let pass = |transition, configured: &mut Option<ControllerNode>| {
         match transition {
-            Transition::Configure => *work = Some(Work::new(node, &params)?),
-            Transition::CleanUp | Transition::Shutdown => *work = None,
+            Transition::Configure => *configured = Some(ControllerNode::new(node, &params)?),
+            Transition::CleanUp | Transition::Shutdown => *configured = None,
             Transition::Activate | Transition::Deactivate => {}
         }
         Ok(())
     };
     if params.autostart {
-        lifecycle.start(|transition| pass(transition, &mut work))?;
+        lifecycle.start(|transition| pass(transition, &mut configured))?;
     }
     loop {
-        lifecycle.follow(|transition| pass(transition, &mut work));
-        match &mut work {
-            Some(work) if lifecycle.is_active() => work.turn(node, &params, &mut live)?,
-            Some(work) => work.ignore(),
+        lifecycle.follow(|transition| pass(transition, &mut configured));
+        match &mut configured {
+            Some(configured) if lifecycle.is_active() => {
+                configured.update(node, &params, &mut live)?
+            }
+            Some(configured) => configured.ignore(),
             None => {}
         }
         if !node.wait_for(SILENCE) {
@@ -68,7 +70,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
 }
 
 /// Endpoints and control loop of a configured node.
-struct Work {
+struct ControllerNode {
     description: RobotDescription,
     inputs: Inputs,
     commands: Publisher<JointState>,
@@ -84,7 +86,7 @@ struct ControlledRobot {
     messages: ControllerMessages,
 }
 
-impl Work {
+impl ControllerNode {
     fn new(node: &Node, params: &ControllerParams) -> Result<Self, NodeError> {
         Ok(Self {
             description: RobotDescription::new(node, params.tip_link.clone())?,
@@ -102,7 +104,7 @@ impl Work {
     }
 
     /// While the node is active: takes received messages, and answers joint states with efforts.
-    fn turn(
+    fn update(
         &mut self,
         node: &Node,
         params: &ControllerParams,

@@ -155,12 +155,12 @@ impl Excitations {
     }
 
     /// Whether any excitation acts on a link, now or at another time.
-    pub fn push(&self) -> bool {
+    pub fn has_link_waves(&self) -> bool {
         !self.links.is_empty()
     }
 
     /// Whether any excitation acts on a link in a step that begins at `time` \[s\].
-    pub fn push_from(&self, time: f64) -> bool {
+    pub fn link_wave_acts_from(&self, time: f64) -> bool {
         self.links.iter().any(|(_, wave)| wave.acts_from(time))
     }
 

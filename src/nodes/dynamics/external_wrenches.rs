@@ -188,7 +188,7 @@ impl ExternalWrenches {
         }
         self.wrenches.retain(|w| w.until > time + 1e-12);
         let acts = |w: &ExternalWrench| w.from <= time + 1e-12;
-        let any_acts = self.wrenches.iter().any(acts) || self.excitations.push_from(time);
+        let any_acts = self.wrenches.iter().any(acts) || self.excitations.link_wave_acts_from(time);
         if !any_acts {
             self.unset(robot);
             if !robot.is_firing() && !is_excited {

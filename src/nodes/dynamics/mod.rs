@@ -23,12 +23,12 @@
 //! Wheel torques are held as joint efforts are; thrusters stay on for the time in their command (`actuator_inputs`).
 //!
 //! The robot can hold targets: a frame of the robot and a frame of a target latch at a given time, when they are close,
-//! or on command; from then on robot and target are one system (`grasps`, `world::grasping`).
+//! or on command; from then on robot and target are one system (`rigid_robot`, `world::grasping`).
 //!
 //! Grippers are joints that only their actions move (`gripper_actions`, `gripper_drive`).
 //!
 //! Bodies with `<collision>` elements come into contact if the scenario has contact parameters: robot and targets are
-//! then integrated together (`contacts`, `touching`, `world::contact`).
+//! then integrated together (`contact_builder`, `contact_system`, `world::contact`).
 //!
 //! Several robots in one world have a dynamics node each; one node owns the time, the others follow `/clock`
 //! (`shared_time`).
@@ -47,14 +47,14 @@ mod actuator_inputs;
 mod clock;
 mod command_arbiter;
 mod command_handling;
+mod contact_builder;
 mod contact_messages;
-mod contacts;
+mod contact_system;
 mod divergence;
 mod excitations;
 mod external_wrenches;
 mod flexible_robot;
 mod free_body;
-mod grasps;
 mod gripper_actions;
 mod gripper_drive;
 mod imu;
@@ -69,6 +69,7 @@ mod params;
 mod part_messages;
 mod real_time_pacing;
 mod response_tracking;
+mod rigid_robot;
 mod robot;
 mod robot_status;
 mod services;
@@ -79,12 +80,12 @@ mod step_status;
 mod target;
 mod tick_time;
 mod time_status;
-mod touching;
 mod world;
 mod wrench_inputs;
 mod wrist;
 
 pub use contact_messages::contacts;
+pub use contact_system::{ContactSystem, Label, LinkEvent};
 pub use external_wrenches::ExternalChange;
 pub use free_body::FreeBody;
 pub use imu::{ImuParams, gyro, imu};
@@ -101,8 +102,7 @@ pub use part_messages::{appendage_states, wheel_states};
 pub use robot::Robot;
 pub use star_tracker::star_tracker_message;
 pub use target::Target;
-pub use touching::{Label, LinkEvent, Touching};
-pub use world::{GraspEvent, HeldTick, LinkContact, World};
+pub use world::{HeldTick, LinkContact, World, WorldEvent};
 pub use wrist::{WristParams, wrist_message};
 
 use crate::ros::{Lifecycle, Node, NodeError, Transition};

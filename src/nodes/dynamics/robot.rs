@@ -3,12 +3,12 @@
 use nalgebra::{DVector, Isometry3};
 
 use super::{
+    contact_system::ContactSystem,
     flexible_robot::FlexibleRobot,
     free_body::{FreeBody, Restorable, in_world, try_to_move},
     grasps::RigidRobot,
     loops::LoopParams,
     params::{DynamicsParams, joint_vector},
-    touching::Touching,
 };
 use crate::{
     control::commander::BaseState,
@@ -210,17 +210,17 @@ impl Robot {
     }
 
     /// The contact world, if it is up to date: the robot is integrated in it.
-    pub fn touching(&self) -> Option<&Touching> {
+    pub fn current_contact_system(&self) -> Option<&ContactSystem> {
         match self {
-            Self::Rigid(robot) => robot.stepped_with(),
+            Self::Rigid(robot) => robot.current_contact_system(),
             Self::Flexible(_) => None,
         }
     }
 
     /// The contact world; after a grasp or release it is out of date until contact is set up again.
-    pub(super) fn contacts(&self) -> Option<&Touching> {
+    pub(super) fn contact_system(&self) -> Option<&ContactSystem> {
         match self {
-            Self::Rigid(robot) => robot.touching(),
+            Self::Rigid(robot) => robot.contact_system(),
             Self::Flexible(_) => None,
         }
     }

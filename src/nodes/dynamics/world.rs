@@ -12,8 +12,8 @@ mod wrist_tests;
 
 pub use contact::LinkContact;
 use contact::WorldContacts;
-pub use grasping::GraspEvent;
 use grasping::Grasps;
+pub use grasping::WorldEvent;
 pub use held_tick::HeldTick;
 
 use super::divergence::{self, StateBackup};
@@ -152,7 +152,7 @@ impl World {
     /// Resets time to zero; bodies keep their states, but held targets are released.
     pub(super) fn reset_time(&mut self) {
         self.wrenches.clear(None);
-        self.drop_held();
+        self.release_without_spring();
         self.time.reset();
         self.grasps.arm(0.0);
         self.gyro_walk = Vector3::zeros();
@@ -414,7 +414,7 @@ impl World {
     pub fn is_acted_on(&self) -> bool {
         let robot = self.robot.flexible();
         let has_thrusters = robot.is_some_and(|r| !r.system().thrusters().is_empty());
-        has_thrusters || self.wrenches.excitations().push()
+        has_thrusters || self.wrenches.excitations().has_link_waves()
     }
 
     /// Applies a couple \[N m\] (base axes) to the base for `seconds` from now, as a message on `wrench` does. It

@@ -157,7 +157,7 @@ impl Wrist {
             return Wrench::ZERO;
         };
         self.input.copy_from(floating.input());
-        if let (Some(touching), Some(whole)) = (robot.touching(), robot.rigid_whole())
+        if let (Some(touching), Some(whole)) = (robot.current_contact_system(), robot.rigid_whole())
             && touching.is_at(whole)
         {
             let X_WB = FreeBody::X_WB(floating);

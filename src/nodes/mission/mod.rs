@@ -69,27 +69,27 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let input = |e: String| NodeError::Input(format!("node {}: {e}", node.name()));
     let params = params.map_err(input)?;
     let mut description = RobotDescription::new(node, params.tip_link.clone())?;
-    let mut work = Work::new(node, params)?;
+    let mut mission_node = MissionNode::new(node, params)?;
     let Some(robot) = description.wait(node) else {
         return Ok(());
     };
     // Refuses at once settings that do not fit the robot.
-    work.params.mission(&robot.model).map_err(input)?;
-    work.robot = Some(robot);
+    mission_node.params.mission(&robot.model).map_err(input)?;
+    mission_node.robot = Some(robot);
     while node.wait_for(PATIENCE) {
         if let Some(robot) = description.changed() {
-            work.abort("the robot has changed");
-            work.robot = Some(robot);
-            work.mission = None;
+            mission_node.abort("the robot has changed");
+            mission_node.robot = Some(robot);
+            mission_node.mission = None;
         }
-        work.take_goals();
-        work.operator.follow(work.mission.as_mut());
-        work.turn();
+        mission_node.take_goals();
+        mission_node.operator.follow(mission_node.mission.as_mut());
+        mission_node.update();
     }
-    work.verdict()
+    mission_node.verdict()
 }
 
-struct Work {
+struct MissionNode {
     params: MissionParams,
     joint_states: Subscription<JointState>,
     imu: Subscription<Imu>,
@@ -122,7 +122,7 @@ struct Work {
     answered: Instant,
 }
 
-impl Work {
+impl MissionNode {
     fn new(node: &Node, params: MissionParams) -> Result<Self, NodeError> {
         let status = node.diagnostics().status("mission");
         status.ok("no mission has begun");
@@ -204,7 +204,7 @@ impl Work {
     }
 
     /// Takes received messages, and answers states.
-    fn turn(&mut self) {
+    fn update(&mut self) {
         while let Some(received) = self.joint_states.take() {
             let stamp = Time::from(&received.message.header.stamp);
             self.states.push_first(stamp, received.message);

@@ -8,7 +8,7 @@ use crate::{
 
 /// An operator's request.
 #[derive(Clone, Copy)]
-enum Wish {
+enum OperatorRequest {
     Hold,
     Resume,
     Skip,
@@ -17,7 +17,7 @@ enum Wish {
 
 /// Serves `~/hold`, `~/resume`, `~/skip` and `~/abort`.
 pub(super) struct Operator {
-    calls: [(Wish, Calls<Trigger>); 4],
+    calls: [(OperatorRequest, Calls<Trigger>); 4],
 }
 
 impl Operator {
@@ -26,24 +26,24 @@ impl Operator {
     /// # Errors
     /// When DDS reports an error.
     pub fn new(node: &Node) -> Result<Self, NodeError> {
-        let serve = |wish, name: &str| Ok::<_, NodeError>((wish, node.serve_calls(name)?));
+        let serve = |request, name: &str| Ok::<_, NodeError>((request, node.serve_calls(name)?));
         Ok(Self {
             calls: [
-                serve(Wish::Hold, "~/hold")?,
-                serve(Wish::Resume, "~/resume")?,
-                serve(Wish::Skip, "~/skip")?,
-                serve(Wish::Abort, "~/abort")?,
+                serve(OperatorRequest::Hold, "~/hold")?,
+                serve(OperatorRequest::Resume, "~/resume")?,
+                serve(OperatorRequest::Skip, "~/skip")?,
+                serve(OperatorRequest::Abort, "~/abort")?,
             ],
         })
     }
 
     /// Passes pending calls to the mission, and answers them.
     pub fn follow(&mut self, mut mission: Option<&mut CaptureMission>) {
-        for (wish, calls) in &self.calls {
+        for (request, calls) in &self.calls {
             while let Some(call) = calls.take() {
                 let done = match mission.as_deref_mut() {
                     None => Err("no mission has begun".to_owned()),
-                    Some(mission) => act(*wish, mission).map_err(|e| e.to_string()),
+                    Some(mission) => act(*request, mission).map_err(|e| e.to_string()),
                 };
                 let success = done.is_ok();
                 let message = match done {
@@ -57,12 +57,12 @@ impl Operator {
 }
 
 /// Executes a request. Returns the mission's phase.
-fn act(wish: Wish, mission: &mut CaptureMission) -> Result<String, MissionError> {
-    match wish {
-        Wish::Hold => mission.hold()?,
-        Wish::Resume => mission.resume()?,
-        Wish::Skip => mission.skip()?,
-        Wish::Abort => mission.abort("aborted by the operator")?,
+fn act(request: OperatorRequest, mission: &mut CaptureMission) -> Result<String, MissionError> {
+    match request {
+        OperatorRequest::Hold => mission.hold()?,
+        OperatorRequest::Resume => mission.resume()?,
+        OperatorRequest::Skip => mission.skip()?,
+        OperatorRequest::Abort => mission.abort("aborted by the operator")?,
     }
     Ok(format!("in phase {}", mission.phase().name()))
 }

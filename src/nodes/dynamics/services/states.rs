@@ -167,7 +167,7 @@ fn reset_scope(simulation: &mut Simulation, scope: u8) -> Result<(), Outcome> {
     if scope & Reset::SCOPE_SPAWNED != 0 {
         let is_held = |target: &Target| world.held_target() == Some(target.name.as_str());
         if (world.targets.iter()).any(|target| target.spawned && is_held(target)) {
-            world.drop_held();
+            world.release_without_spring();
         }
         world.targets.retain(|target| !target.spawned);
         simulation.outputs.remove_targets(world);

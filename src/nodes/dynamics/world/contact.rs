@@ -1,10 +1,10 @@
 //! Contacts in the world: when the contact world is set up, contact events, and the energy of contact.
 
 use super::super::{
-    contacts::Contacts, grasps::RigidRobot, params::DynamicsParams, robot::Robot, target::Target,
-    touching::Touching,
+    contact_builder::ContactBuilder, contact_system::ContactSystem, params::DynamicsParams,
+    rigid_robot::RigidRobot, robot::Robot, target::Target,
 };
-use super::{GraspEvent, World};
+use super::{World, WorldEvent};
 use crate::dynamics::{capture::Captured, contact::ContactPoint};
 
 /// Angle by which a ball joint may turn before the choice of its axes is checked again \[rad\].
@@ -17,8 +17,8 @@ const MOST_EVENTS: usize = 10_000;
 
 /// The contacts of a world, with their events and energies.
 pub(super) struct WorldContacts {
-    contacts: Contacts,
-    events: Vec<GraspEvent>,
+    builder: ContactBuilder,
+    events: Vec<WorldEvent>,
     /// Why contacts could not be simulated, if that has happened.
     failure: Option<String>,
     /// Energy dissipated by contacts in earlier contact worlds \[J\].
@@ -51,10 +51,11 @@ impl WorldContacts {
         };
         let model = robot.model();
         let allowed = &params.resource_folders;
-        let contacts = Contacts::new(of_contact, params.time_step, &params.robot, model, allowed)?;
-        contacts.check(model, targets)?;
+        let builder =
+            ContactBuilder::new(of_contact, params.time_step, &params.robot, model, allowed)?;
+        builder.check(model, targets)?;
         Ok(Some(Self {
-            contacts,
+            builder,
             events: Vec::new(),
             failure: None,
             dissipated_before: 0.0,
@@ -64,7 +65,7 @@ impl WorldContacts {
 
     /// Before a contact world is replaced: records its dissipated energy, and the stored energy beyond the `stored`
     /// energy \[J\] of its successor, which is lost.
-    fn leave(&mut self, before: &Touching, stored: f64) {
+    fn leave(&mut self, before: &ContactSystem, stored: f64) {
         let lost = before.world().stored_energy() - stored;
         self.dissipated_before += before.world().dissipated_energy() + lost.max(0.0);
     }
@@ -78,7 +79,7 @@ impl WorldContacts {
 
     fn note(&mut self, time: f64, what: String) {
         if self.events.len() < MOST_EVENTS {
-            self.events.push(GraspEvent { time, what });
+            self.events.push(WorldEvent { time, what });
         }
     }
 }
@@ -90,16 +91,16 @@ impl World {
     }
 
     /// Contacts of links that have begun or ended, oldest first.
-    pub fn contact_events(&self) -> &[GraspEvent] {
+    pub fn contact_events(&self) -> &[WorldEvent] {
         self.contacts.as_ref().map_or(&[], |c| &c.events)
     }
 
     /// The current contact points.
     pub fn contact_points(&self) -> impl Iterator<Item = LinkContact<'_>> {
-        let touching = self.robot.touching().into_iter();
-        touching.flat_map(|touching| {
-            touching.points().map(|point| LinkContact {
-                links: point.colliders.map(|c| touching.label(c).link.as_str()),
+        let system = self.robot.current_contact_system().into_iter();
+        system.flat_map(|system| {
+            system.points().map(|point| LinkContact {
+                links: point.colliders.map(|c| system.label(c).link.as_str()),
                 point,
             })
         })
@@ -109,8 +110,9 @@ impl World {
     pub fn contact_energy(&self) -> Option<(f64, f64)> {
         let contacts = self.contacts.as_ref()?;
         let before = contacts.dissipated_before;
-        let stored = (self.robot.touching()).map_or(0.0, |t| t.world().stored_energy());
-        let own = (self.robot.contacts()).map_or(0.0, |t| t.world().dissipated_energy());
+        let stored =
+            (self.robot.current_contact_system()).map_or(0.0, |t| t.world().stored_energy());
+        let own = (self.robot.contact_system()).map_or(0.0, |t| t.world().dissipated_energy());
         Some((stored, before + own))
     }
 
@@ -136,20 +138,20 @@ impl World {
         };
         if robot.held().is_some() {
             // A target that is held now may be free later.
-            contacts.contacts.check_pairs(robot, &self.targets)?;
+            contacts.builder.check_pairs(robot, &self.targets)?;
         }
         if robot.has_second_grasp() {
             return Ok(());
         }
-        let mut touching = contacts.contacts.build(robot, &self.targets)?;
+        let mut system = contacts.builder.build(robot, &self.targets)?;
         if robot.held().is_some() {
             // A target that is held from the start may overlap with the hand.
-            let apart = touching.pairs_without_held();
-            touching.suspend_overlaps(&apart);
+            let apart = system.pairs_without_held();
+            system.suspend_overlaps(&apart);
         }
-        let found = touching.world_mut().check_apart();
+        let found = system.world_mut().check_apart();
         found.map_err(|e| format!("parameter contact: {e}"))?;
-        self.set_touching(Some(touching));
+        self.set_contact_system(Some(system));
         Ok(())
     }
 
@@ -159,14 +161,14 @@ impl World {
     /// A line on a description, a shape or a pair of shapes.
     pub(in super::super) fn check_shapes(&self) -> Result<(), String> {
         match (&self.contacts, self.robot.as_rigid()) {
-            (Some(contacts), Some(robot)) => contacts.contacts.check_pairs(robot, &self.targets),
+            (Some(contacts), Some(robot)) => contacts.builder.check_pairs(robot, &self.targets),
             _ => Ok(()),
         }
     }
 
-    fn set_touching(&mut self, touching: Option<Touching>) {
+    fn set_contact_system(&mut self, system: Option<ContactSystem>) {
         if let Some(robot) = self.robot.rigid_mut() {
-            robot.set_touching(touching);
+            robot.set_contact_system(system);
         }
     }
 
@@ -176,7 +178,7 @@ impl World {
         let robot = self
             .robot
             .as_rigid()
-            .filter(|robot| robot.stepped_with().is_some());
+            .filter(|robot| robot.current_contact_system().is_some());
         let captured = robot.and_then(RigidRobot::captured);
         match captured.and_then(Captured::ball_joint_rate) {
             Some(rate) => end.min(time + (LARGEST_TURN / rate).max(SHORTEST)),
@@ -199,12 +201,12 @@ impl World {
             .iter()
             .position(|t| robot.held() == Some(&t.name));
         let is_current =
-            (robot.stepped_with()).is_some_and(|touching| touching.has_targets(ids(), held));
+            (robot.current_contact_system()).is_some_and(|system| system.has_targets(ids(), held));
         if robot.has_second_grasp() {
             // Contact is not simulated while two grasps form a closed loop.
-            if let Some(touching) = robot.set_touching(None) {
-                contacts.leave(&touching, 0.0);
-                let ended = touching
+            if let Some(system) = robot.set_contact_system(None) {
+                contacts.leave(&system, 0.0);
+                let ended = system
                     .links_in_contact()
                     .map(|links| links.map(str::to_owned));
                 contacts.note_ends(time, ended.collect());
@@ -216,17 +218,17 @@ impl World {
         });
         if !is_current && !is_refused {
             contacts.refused = None;
-            let built = contacts.contacts.build(robot, &self.targets);
-            let before = robot.set_touching(None);
+            let built = contacts.builder.build(robot, &self.targets);
+            let before = robot.set_contact_system(None);
             match built {
-                Ok(mut touching) => {
-                    let known = (before.as_ref()).map_or(Vec::new(), Touching::touching_links);
-                    touching.suspend_overlaps(&known);
+                Ok(mut system) => {
+                    let known = (before.as_ref()).map_or(Vec::new(), ContactSystem::touching_links);
+                    system.suspend_overlaps(&known);
                     if let Some(before) = before {
-                        contacts.leave(&before, touching.world().stored_energy());
-                        contacts.note_ends(time, touching.continue_from(&before));
+                        contacts.leave(&before, system.world().stored_energy());
+                        contacts.note_ends(time, system.continue_from(&before));
                     }
-                    robot.set_touching(Some(touching));
+                    robot.set_contact_system(Some(system));
                 }
                 Err(problem) => {
                     if let Some(before) = before {
@@ -242,11 +244,14 @@ impl World {
     /// Before a step: adopts states that were changed from outside since the last step.
     pub(super) fn prepare_contact(&mut self, time: f64) {
         self.renew_contact(time);
-        let touching = self.robot.rigid_mut().and_then(RigidRobot::touching_mut);
-        if let Some(touching) = touching {
-            for (system, i) in touching.free_targets() {
+        let system = self
+            .robot
+            .rigid_mut()
+            .and_then(RigidRobot::contact_system_mut);
+        if let Some(system) = system {
+            for (number, i) in system.free_targets() {
                 let target = &mut self.targets[i];
-                touching.follow(system, &target.body);
+                system.follow(number, &target.body);
                 target.save();
             }
         }
@@ -254,7 +259,8 @@ impl World {
 
     /// Whether target `i` is integrated together with the robot.
     pub(super) fn is_stepped_with_robot(&self, i: usize) -> bool {
-        self.held_target() == Some(self.targets[i].name.as_str()) || self.robot.touching().is_some()
+        self.held_target() == Some(self.targets[i].name.as_str())
+            || self.robot.current_contact_system().is_some()
     }
 
     /// After a step of the robot that began at `time` \[s\]: copies the motion of the targets in the contact world to
@@ -263,20 +269,20 @@ impl World {
         let (Some(contacts), Some(robot)) = (&mut self.contacts, self.robot.rigid_mut()) else {
             return;
         };
-        if robot.stepped_with().is_none() {
+        if robot.current_contact_system().is_none() {
             return;
         }
-        let Some(touching) = robot.touching_mut() else {
+        let Some(system) = robot.contact_system_mut() else {
             return;
         };
-        for (system, i) in touching.free_targets() {
-            touching.world().show(system, &mut self.targets[i].body);
+        for (number, i) in system.free_targets() {
+            system.world().show(number, &mut self.targets[i].body);
         }
-        let events: Vec<_> = touching.take_events().collect();
+        let events: Vec<_> = system.take_events().collect();
         for event in events {
             contacts.note(time + event.after, event.what);
         }
-        if let Some(failure) = touching.take_failure() {
+        if let Some(failure) = system.take_failure() {
             contacts.failure = Some(failure);
         }
     }

@@ -4,8 +4,8 @@ use super::super::{
     divergence,
     external_wrenches::ExternalChange,
     free_body::FreeBody as _,
-    grasps::frame_on_base,
     params::{DynamicsParams, GraspParams},
+    rigid_robot::frame_on_base,
     robot::Robot,
     target::Target,
 };
@@ -27,7 +27,7 @@ const ROUNDING: f64 = 1e-12;
 
 /// A grasp has latched, opened, or could not latch; also used for contacts.
 #[derive(Debug, Clone, PartialEq)]
-pub struct GraspEvent {
+pub struct WorldEvent {
     /// Time \[s\].
     pub time: f64,
     /// Description, as a line.
@@ -39,7 +39,7 @@ pub(super) struct Grasps {
     all: Vec<Grasping>,
     method: IntegrationMethod,
     joint_physics: JointPhysics,
-    events: Vec<GraspEvent>,
+    events: Vec<WorldEvent>,
     /// Why a grasp could not latch at its time, if that has happened.
     failure: Option<String>,
     /// Change of momentum and work of the robot due to targets that it held or touched.
@@ -147,7 +147,7 @@ impl Grasps {
 
     fn note(&mut self, time: f64, what: String) {
         if self.events.len() < MOST_EVENTS {
-            self.events.push(GraspEvent { time, what });
+            self.events.push(WorldEvent { time, what });
         }
     }
 
@@ -166,7 +166,7 @@ impl Grasps {
     }
 
     /// Opens all grasps. Those that were closed do not latch automatically before their frames have been apart.
-    pub fn forget(&mut self) {
+    pub fn open_all(&mut self) {
         for grasping in &mut self.all {
             if std::mem::take(&mut grasping.is_closed) {
                 grasping.is_armed = false;
@@ -275,7 +275,7 @@ impl World {
     }
 
     /// Events of grasps so far, oldest first.
-    pub fn grasp_events(&self) -> &[GraspEvent] {
+    pub fn grasp_events(&self) -> &[WorldEvent] {
         &self.grasps.events
     }
 
@@ -304,9 +304,9 @@ impl World {
     }
 
     /// Opens all grasps without a release spring, because the state is about to be replaced.
-    pub(in super::super) fn drop_held(&mut self) {
+    pub(in super::super) fn release_without_spring(&mut self) {
         self.robot.let_go();
-        self.grasps.forget();
+        self.grasps.open_all();
     }
 
     /// Opens all grasps if the robot or the held target has diverged: each is then restored separately.
@@ -319,7 +319,7 @@ impl World {
             || target.is_ok_and(|target| divergence::of(target).is_some());
         if is_lost {
             let what = format!("{held} is released, because the motion has diverged");
-            self.drop_held();
+            self.release_without_spring();
             self.grasps.note(self.time(), what);
         }
     }
@@ -365,7 +365,7 @@ impl World {
         if !grasping.params.automatic || grasping.is_closed {
             return;
         }
-        let is_near = self.check_apart(i).is_ok();
+        let is_near = self.check_close(i).is_ok();
         if is_near && grasping.is_armed {
             // Fails if another target is held.
             let _ = self.latch(i, time);
@@ -375,7 +375,7 @@ impl World {
     }
 
     /// Checks that the frames of grasp `i` are close enough. Returns the target's index.
-    fn check_apart(&self, i: usize) -> Result<usize, String> {
+    fn check_close(&self, i: usize) -> Result<usize, String> {
         let Grasping { params, grasp, .. } = &self.grasps.all[i];
         let at = |e: String| format!("grasp '{}': {e}", params.name);
         let index = self.target_index(&params.target).map_err(at)?;
@@ -389,7 +389,7 @@ impl World {
 
     /// Latches grasp `i` at `time` \[s\].
     fn latch(&mut self, i: usize, time: f64) -> Result<String, String> {
-        let index = self.check_apart(i)?;
+        let index = self.check_close(i)?;
         let held = self.held_target().map(str::to_owned);
         let Grasping { params, grasp, .. } = &self.grasps.all[i];
         let (name, target, grasp) = (params.name.clone(), params.target.clone(), grasp.clone());
@@ -444,7 +444,7 @@ impl World {
             Err(_) => self.robot.let_go(),
         }
         self.count_change_by_targets(&before, &ExternalChange::default());
-        self.grasps.forget();
+        self.grasps.open_all();
         let what = format!("{target} is released");
         self.grasps.note(time, what.clone());
         what
@@ -452,7 +452,7 @@ impl World {
 
     /// Before a step of a robot that holds or may touch something: data for [`Self::finish_held_step`].
     pub(super) fn begin_held_step(&self) -> Option<HeldStep> {
-        if self.held_target().is_none() && self.robot.touching().is_none() {
+        if self.held_target().is_none() && self.robot.current_contact_system().is_none() {
             return None;
         }
         Some(HeldStep {

@@ -243,7 +243,7 @@ fn contact_is_with_the_body_that_has_replaced_another_of_its_name() {
     let mut world = world("gripping");
     world.step_to_tick_or_restore().unwrap();
     let joints = |world: &World| {
-        let touching = world.robot.touching().expect("contact");
+        let touching = world.robot.current_contact_system().expect("contact");
         touching.world().systems()[1].model().dof()
     };
     assert_eq!(joints(&world), 0);

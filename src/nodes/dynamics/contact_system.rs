@@ -34,7 +34,7 @@ pub struct LinkEvent {
 /// The robot and the targets as a contact world: the robot, with a held target, is system 0, the free targets follow.
 /// The resulting motion is copied to the robot itself, so that drives, wrenches and sensors need not distinguish the
 /// cases.
-pub struct Touching {
+pub struct ContactSystem {
     world: ContactWorld,
     /// The link of each collider.
     labels: Vec<Label>,
@@ -50,7 +50,7 @@ pub struct Touching {
     input: Input,
 }
 
-impl Touching {
+impl ContactSystem {
     /// A contact world with the links of its colliders and the ids of its targets; `held` is the index of the held
     /// target.
     pub(super) fn new(

@@ -1,6 +1,6 @@
 //! A rigid robot with the target that it may hold and the bodies that it may touch.
 
-use super::touching::Touching;
+use super::contact_system::ContactSystem;
 use crate::{
     dynamics::{
         Floating, Forcing, Input, IntegrationMethod, JointPhysics, Momentum, State,
@@ -16,7 +16,7 @@ use crate::{
 pub struct RigidRobot {
     own: Floating,
     held: Option<Held>,
-    touching: Option<Box<Touching>>,
+    contact_system: Option<Box<ContactSystem>>,
 }
 
 /// The held target and the joined system.
@@ -32,30 +32,33 @@ impl RigidRobot {
         Self {
             own,
             held: None,
-            touching: None,
+            contact_system: None,
         }
     }
 
     /// Replaces the contact world in which the robot and a held target are integrated. Returns the previous one.
-    pub(super) fn set_touching(&mut self, touching: Option<Touching>) -> Option<Touching> {
-        let before = std::mem::replace(&mut self.touching, touching.map(Box::new));
+    pub(super) fn set_contact_system(
+        &mut self,
+        contact_system: Option<ContactSystem>,
+    ) -> Option<ContactSystem> {
+        let before = std::mem::replace(&mut self.contact_system, contact_system.map(Box::new));
         before.map(|before| *before)
     }
 
     /// The contact world, if there is contact. After a grasp or release it is out of date until contact is set up again
-    /// ([`Self::stepped_with`]).
-    pub fn touching(&self) -> Option<&Touching> {
-        self.touching.as_deref()
+    /// ([`Self::current_contact_system`]).
+    pub fn contact_system(&self) -> Option<&ContactSystem> {
+        self.contact_system.as_deref()
     }
 
-    /// Mutable [`Self::touching`].
-    pub(super) fn touching_mut(&mut self) -> Option<&mut Touching> {
-        self.touching.as_deref_mut()
+    /// Mutable [`Self::contact_system`].
+    pub(super) fn contact_system_mut(&mut self) -> Option<&mut ContactSystem> {
+        self.contact_system.as_deref_mut()
     }
 
     /// The contact world, if it is up to date: robot and held target are integrated in it.
-    pub(super) fn stepped_with(&self) -> Option<&Touching> {
-        (self.touching.as_deref()).filter(|touching| touching.is_of(self.whole()))
+    pub(super) fn current_contact_system(&self) -> Option<&ContactSystem> {
+        (self.contact_system.as_deref()).filter(|contact_system| contact_system.is_of(self.whole()))
     }
 
     /// The joined system of robot and held target.
@@ -72,15 +75,16 @@ impl RigidRobot {
 
     /// Momentum of all that is integrated together with the robot, angular about the common centre of mass.
     pub(super) fn whole_momentum(&self) -> Momentum {
-        match self.stepped_with() {
-            Some(touching) => touching.momentum(),
+        match self.current_contact_system() {
+            Some(contact_system) => contact_system.momentum(),
             None => self.whole().state().momentum_W,
         }
     }
 
     /// Work of contacts on the robot since contact was set up \[J\].
     pub(super) fn contact_work(&self) -> f64 {
-        (self.stepped_with()).map_or(0.0, |touching| touching.world().contact_work(0))
+        (self.current_contact_system())
+            .map_or(0.0, |contact_system| contact_system.world().contact_work(0))
     }
 
     /// The robot without a held target.
@@ -174,15 +178,15 @@ impl RigidRobot {
             Some(held) => {
                 held.captured.hold_robot_input(self.own.input());
                 let joined = held.captured.floating_mut();
-                if let Some(touching) = &self.touching
-                    && touching.is_of(joined)
+                if let Some(contact_system) = &self.contact_system
+                    && contact_system.is_of(joined)
                 {
-                    touching.add_wrenches(joined);
+                    contact_system.add_wrenches(joined);
                 }
                 held.captured.show_robot_accelerations(&mut self.own);
             }
-            None => match touching_of(&mut self.touching, &self.own) {
-                Some(touching) => touching.set_accelerations(&mut self.own),
+            None => match current_system(&mut self.contact_system, &self.own) {
+                Some(contact_system) => contact_system.set_accelerations(&mut self.own),
                 None => {
                     self.own.accelerations();
                 }
@@ -195,16 +199,16 @@ impl RigidRobot {
         match &mut self.held {
             Some(held) => {
                 held.captured.hold_robot_input(self.own.input());
-                match touching_of(&mut self.touching, held.captured.floating()) {
-                    Some(touching) => {
-                        touching.step(held.captured.floating_mut(), dt * steps as f64);
+                match current_system(&mut self.contact_system, held.captured.floating()) {
+                    Some(contact_system) => {
+                        contact_system.step(held.captured.floating_mut(), dt * steps as f64);
                     }
                     None => held.captured.step(dt, steps),
                 }
                 held.captured.show_robot(&mut self.own);
             }
-            None => match touching_of(&mut self.touching, &self.own) {
-                Some(touching) => touching.step(&mut self.own, dt * steps as f64),
+            None => match current_system(&mut self.contact_system, &self.own) {
+                Some(contact_system) => contact_system.step(&mut self.own, dt * steps as f64),
                 None => self.own.step(dt, steps),
             },
         }
@@ -215,19 +219,21 @@ impl RigidRobot {
         match &mut self.held {
             Some(held) => {
                 let input = self.own.input_mut();
-                match touching_of(&mut self.touching, held.captured.floating()) {
-                    Some(touching) => held.captured.step_by(input, forcing, |joined, forces| {
-                        let mut forces = |time: f64, state: &State, input: &mut Input| {
-                            forces(time, state, input);
-                        };
-                        touching.step_with(joined, dt, &mut forces);
-                    }),
+                match current_system(&mut self.contact_system, held.captured.floating()) {
+                    Some(contact_system) => {
+                        held.captured.step_by(input, forcing, |joined, forces| {
+                            let mut forces = |time: f64, state: &State, input: &mut Input| {
+                                forces(time, state, input);
+                            };
+                            contact_system.step_with(joined, dt, &mut forces);
+                        })
+                    }
                     None => (held.captured).step_with(dt, input, forcing),
                 }
                 held.captured.show_robot(&mut self.own);
             }
-            None => match touching_of(&mut self.touching, &self.own) {
-                Some(touching) => touching.step_with(&mut self.own, dt, forcing),
+            None => match current_system(&mut self.contact_system, &self.own) {
+                Some(contact_system) => contact_system.step_with(&mut self.own, dt, forcing),
                 None => self.own.step_with(dt, forcing),
             },
         }
@@ -235,11 +241,11 @@ impl RigidRobot {
 }
 
 /// The contact world, if `system` is integrated in it.
-fn touching_of<'a>(
-    touching: &'a mut Option<Box<Touching>>,
+fn current_system<'a>(
+    contact_system: &'a mut Option<Box<ContactSystem>>,
     system: &Floating,
-) -> Option<&'a mut Touching> {
-    (touching.as_deref_mut()).filter(|touching| touching.is_of(system))
+) -> Option<&'a mut ContactSystem> {
+    (contact_system.as_deref_mut()).filter(|contact_system| contact_system.is_of(system))
 }
 
 /// A frame called `name` at pose `X_BF` of the base.

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use super::{
-    grasps::RigidRobot,
+    contact_system::{ContactSystem, Label},
     params::{ContactPairParams, ContactParams, Description},
+    rigid_robot::RigidRobot,
     target::Target,
-    touching::{Label, Touching},
 };
 use crate::{
     dynamics::{
@@ -27,7 +27,7 @@ const ROBOT: &str = "robot";
 
 /// A collision shape on a link.
 #[derive(Clone)]
-struct Solid {
+struct CollisionShape {
     /// The link's frame in the model.
     frame: String,
     /// Name of the link in messages and events.
@@ -40,7 +40,7 @@ struct Solid {
 
 /// A collision shape added to the contact world.
 struct Placed<'a> {
-    solid: &'a Solid,
+    solid: &'a CollisionShape,
     /// The owner: 0 for the robot, or the target's number counted from one.
     owner: usize,
     /// Index of the system in the contact world, and of the body in that system.
@@ -50,11 +50,11 @@ struct Placed<'a> {
 }
 
 /// Collision shapes and contact parameters from which the contact world is built.
-pub(super) struct Contacts {
+pub(super) struct ContactBuilder {
     params: ContactParams,
     /// Longest step of the bodies' own integrators \[s\].
     time_step: f64,
-    robot: Vec<Solid>,
+    robot: Vec<CollisionShape>,
     /// Folders in which meshes of targets added by peers may be.
     allowed: AllowedFolders,
 }
@@ -67,7 +67,7 @@ enum Meshes<'a> {
     Below(&'a AllowedFolders),
 }
 
-impl Contacts {
+impl ContactBuilder {
     /// Reads the robot's shapes.
     ///
     /// # Errors
@@ -96,7 +96,7 @@ impl Contacts {
     ///
     /// # Errors
     /// A line on a description, a shape or a pair.
-    pub fn build(&self, robot: &RigidRobot, targets: &[Target]) -> Result<Touching, String> {
+    pub fn build(&self, robot: &RigidRobot, targets: &[Target]) -> Result<ContactSystem, String> {
         let held = targets.iter().position(|t| robot.held() == Some(&t.name));
         self.build_around(robot.own(), robot.captured().zip(held), targets)
     }
@@ -115,10 +115,10 @@ impl Contacts {
         robot: &Floating,
         held: Option<(&Captured, usize)>,
         targets: &[Target],
-    ) -> Result<Touching, String> {
+    ) -> Result<ContactSystem, String> {
         let (captured, held) = held.unzip();
         let of_targets = targets.iter().map(|target| self.solids_of(target));
-        let of_targets: Vec<Vec<Solid>> = of_targets.collect::<Result<_, _>>()?;
+        let of_targets: Vec<Vec<CollisionShape>> = of_targets.collect::<Result<_, _>>()?;
         let free = (targets.iter().enumerate()).filter(|(i, _)| Some(*i) != held);
         let bodies = free.map(|(_, target)| &target.body);
         let systems: Vec<&Floating> = std::iter::once(captured.map_or(robot, Captured::floating))
@@ -188,7 +188,12 @@ impl Contacts {
             },
         });
         let ids = targets.iter().map(|target| target.id);
-        Ok(Touching::new(world, labels.collect(), ids.collect(), held))
+        Ok(ContactSystem::new(
+            world,
+            labels.collect(),
+            ids.collect(),
+            held,
+        ))
     }
 
     /// Checks that there are collision shapes, and that each name in `contact.pairs` matches one.
@@ -196,7 +201,7 @@ impl Contacts {
     /// # Errors
     /// A line that names the parameter, with what there is.
     pub fn check(&self, robot: &Model, targets: &[Target]) -> Result<(), String> {
-        let mut known: Vec<(Vec<String>, Vec<Solid>)> = vec![(
+        let mut known: Vec<(Vec<String>, Vec<CollisionShape>)> = vec![(
             vec![ROBOT.to_owned(), robot.name().to_owned()],
             self.robot.clone(),
         )];
@@ -212,7 +217,7 @@ impl Contacts {
         }
         for pair in &self.params.pairs {
             for name in &pair.names {
-                let is_known = |(owners, solids): &(Vec<String>, Vec<Solid>)| {
+                let is_known = |(owners, solids): &(Vec<String>, Vec<CollisionShape>)| {
                     let owners: Vec<&str> = owners.iter().map(String::as_str).collect();
                     solids.iter().any(|s| precision(name, s, &owners) > 0)
                 };
@@ -233,7 +238,7 @@ impl Contacts {
     }
 
     /// Shapes of a target. The links of its description have the names of its frames.
-    fn solids_of(&self, target: &Target) -> Result<Vec<Solid>, String> {
+    fn solids_of(&self, target: &Target) -> Result<Vec<CollisionShape>, String> {
         let meshes = match target.spawned {
             true => Meshes::Below(&self.allowed),
             false => Meshes::Anywhere(&self.params.packages),
@@ -313,7 +318,7 @@ impl Contacts {
 
 /// How precisely `name` names a solid whose body has the names `owners`: 3 by its `<collision>` element, 2 by its link,
 /// 1 by its body; 0 if it does not.
-fn precision(name: &str, solid: &Solid, owners: &[&str]) -> u8 {
+fn precision(name: &str, solid: &CollisionShape, owners: &[&str]) -> u8 {
     if solid.element.as_deref() == Some(name) {
         3
     } else if owners.contains(&name) {
@@ -326,7 +331,7 @@ fn precision(name: &str, solid: &Solid, owners: &[&str]) -> u8 {
 }
 
 /// The shapes in the description `xml`, which `source` names in messages.
-fn read(xml: &str, source: &str, meshes: &Meshes) -> Result<Vec<Solid>, String> {
+fn read(xml: &str, source: &str, meshes: &Meshes) -> Result<Vec<CollisionShape>, String> {
     let elements = CollisionElement::all_from_urdf(xml, source).map_err(|e| e.to_string())?;
     let solids = elements.into_iter().map(|element| {
         let at = |e: String| format!("{source}: <collision> of link '{}': {e}", element.link);
@@ -345,7 +350,7 @@ fn read(xml: &str, source: &str, meshes: &Meshes) -> Result<Vec<Solid>, String> 
             _ => Vec::new(),
         };
         let shape = Shape::from_geometry(&element.geometry, &vertices);
-        Ok(Solid {
+        Ok(CollisionShape {
             shape: shape.map_err(|e| at(e.to_string()))?,
             frame: element.link.clone(),
             label: element.link.clone(),
