@@ -6,7 +6,7 @@ use crate::{
     msg::{nav_msgs::Odometry, sensor_msgs::JointState},
     nodes::{
         camera::images::{
-            Body, BodyState, ImageMessage, ImageParams, Imager, Output, Stage, checked_shape,
+            Body, BodyState, ImageMessage, ImageParams, ImageScene, Imager, Output, checked_shape,
         },
         dynamics::{World, joint_states, odometry, target_joint_states},
     },
@@ -16,7 +16,7 @@ use crate::{
 
 /// Cameras whose images are rendered, and images that wait for their latency.
 pub struct SimulatedImages {
-    stage: Stage,
+    image_scene: ImageScene,
     imager: Imager,
     /// Indices of the drawn targets.
     targets: Vec<usize>,
@@ -53,7 +53,7 @@ impl SimulatedImages {
         });
         let bodies = bodies.collect::<Result<_, _>>()?;
         Ok(Self {
-            stage: Stage::new(params, body(xml, "robot")?, bodies)?,
+            image_scene: ImageScene::new(params, body(xml, "robot")?, bodies)?,
             imager: Imager::new(params)?,
             targets,
             outputs: Imager::outputs(params),
@@ -80,13 +80,13 @@ impl SimulatedImages {
         let time = stamp.as_secs_f64();
         if let Some(exposure) = self.stream.expose(time) {
             if exposure.first_of_run {
-                self.stage.restart();
+                self.image_scene.restart();
             }
             let messages = match exposure.lost {
                 true => Vec::new(),
                 false => {
                     let states = self.states(stamp, world)?;
-                    let shot = self.stage.shot(time, &states);
+                    let shot = self.image_scene.shot(time, &states);
                     self.imager.render(&shot)
                 }
             };
@@ -104,8 +104,8 @@ impl SimulatedImages {
             joint_states(stamp, "", world),
             odometry(stamp, "", &world.robot),
         );
-        let mut states = vec![self.stage.bodies()[0].state(Some(&robot.0), &robot.1)?];
-        for (body, i) in self.stage.bodies()[1..].iter().zip(&self.targets) {
+        let mut states = vec![self.image_scene.bodies()[0].state(Some(&robot.0), &robot.1)?];
+        for (body, i) in self.image_scene.bodies()[1..].iter().zip(&self.targets) {
             let target = &world.targets[*i];
             let joints = target_joint_states(stamp, target);
             states.push(body.state(Some(&joints), &odometry(stamp, "", &target.body))?);

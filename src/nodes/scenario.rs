@@ -12,7 +12,7 @@ use super::{
     attitude::{AttitudeLoop, AttitudeParams},
     camera::{
         CameraParams, camera_frame,
-        images::{Body, ImageParams, Imager, Stage, checked_shape},
+        images::{Body, ImageParams, ImageScene, Imager, checked_shape},
     },
     controller::{ControllerParams, second_tip},
     dynamics::{DynamicsParams, World},
@@ -58,7 +58,7 @@ fn check_images(
     Imager::new(images)?;
     let shape = checked_shape(&dynamics.robot.xml, "robot")?;
     let robot = Body::new(world.robot.model().clone(), &shape);
-    Stage::new(images, robot, Vec::new())?;
+    ImageScene::new(images, robot, Vec::new())?;
     for target in &world.targets {
         if images.bodies.contains(&target.name) {
             checked_shape(&target.description, &target.name)?;

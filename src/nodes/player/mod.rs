@@ -96,7 +96,7 @@ impl Player {
             Some(_) => Some(topics::CLOCK.advertise(node)?),
             None => None,
         };
-        let mut stage = Stage {
+        let mut playback = Playback {
             player: self,
             node,
             publishers: BTreeMap::new(),
@@ -105,19 +105,19 @@ impl Player {
         // Announce all topics before publishing any message.
         for topic in &info.topics {
             let kind = (topic.type_name.as_str(), topic.type_hash.as_deref());
-            stage.announce(&topic.name, kind, &topic.encoding, &topic.qos)?;
+            playback.announce(&topic.name, kind, &topic.encoding, &topic.qos)?;
         }
         let begin = start.saturating_add(self.start_offset.as_nanos() as u64);
         let mut pace = Pace::new(node, begin, self.rate, self.clock, clock, paused);
         pace.wait(self.delay);
         loop {
-            stage.once(begin, &mut pace)?;
+            playback.once(begin, &mut pace)?;
             if !self.repeat || !node.ok() {
                 break;
             }
             pace.restart();
         }
-        stage.finish();
+        playback.finish();
         Ok(())
     }
 
@@ -128,7 +128,7 @@ impl Player {
 }
 
 /// The publishers during playback.
-struct Stage<'a> {
+struct Playback<'a> {
     player: &'a Player,
     node: &'a Node,
     /// Publishers by topic name in the bag; `None` for a topic that cannot be played.
@@ -136,7 +136,7 @@ struct Stage<'a> {
     played: &'a Mutex<Played>,
 }
 
-impl Stage<'_> {
+impl Playback<'_> {
     fn announce(
         &mut self,
         name: &str,
@@ -160,7 +160,7 @@ impl Stage<'_> {
         };
         if let Err(why) = &publisher {
             tracing::warn!("topic {name} is not played: {why}");
-            self.tell(|played| played.left_out.insert(name.to_owned(), why.clone()));
+            self.update_played(|played| played.left_out.insert(name.to_owned(), why.clone()));
         }
         self.publishers.insert(name.to_owned(), publisher.ok());
         Ok(())
@@ -193,7 +193,7 @@ impl Stage<'_> {
             self.publish(early)?;
         }
         let damage = messages.damage();
-        self.tell(|played| played.damage = damage);
+        self.update_played(|played| played.damage = damage);
         Ok(())
     }
 
@@ -203,7 +203,7 @@ impl Stage<'_> {
         self.announce(&topic.name, kind, &topic.encoding, &topic.qos)?;
         if let Some(Some(publisher)) = self.publishers.get(&topic.name) {
             publisher.publish(message.data);
-            self.tell(|played| played.messages += 1);
+            self.update_played(|played| played.messages += 1);
         }
         Ok(())
     }
@@ -227,7 +227,7 @@ impl Stage<'_> {
         played.dropped = dropped;
     }
 
-    fn tell<T>(&self, change: impl FnOnce(&mut Played) -> T) {
+    fn update_played<T>(&self, change: impl FnOnce(&mut Played) -> T) {
         change(&mut self.played.lock().unwrap_or_else(PoisonError::into_inner));
     }
 }

@@ -12,8 +12,8 @@ use crate::model::{Frame, Joint, Model};
 /// Number of sampled postures.
 const POSTURES: usize = 200;
 
-/// Product of the largest decay rate of the joints and the sampling period. The loop is stable up to 2 if efforts act at once, up to
-/// 1 if they act a period late, and does not overshoot up to 1 and 1/4, [`SampledDamping`].
+/// Product of the joints' largest decay rate and the sampling period. The loop is stable up to 2 if efforts act at once
+/// and up to 1 if they act a period late; it does not overshoot up to 1 and 1/4, respectively ([`SampledDamping`]).
 const DECAY_PER_PERIOD: f64 = 0.25;
 
 /// Gains computed for one robot and one sampling period.
@@ -26,14 +26,14 @@ pub struct AutoGains {
 }
 
 impl AutoGains {
-    /// Gains for the tip `tip` of `model`, sampled with `period` \[s\]. They depend on nothing else: the postures are the same in every
-    /// call. `None` for a robot without joints, with a reduced inertia that is not positive definite, or of which no joint moves
-    /// the tip's position.
+    /// Gains for the tip `tip` of `model`, sampled with `period` \[s\]. They depend on nothing else: the postures are
+    /// the same in every call. `None` for a robot without joints, with a reduced inertia that is not positive definite,
+    /// or of which no joint moves the tip's position.
     ///
-    /// - `k_v` has the proportions of the inertia that each joint moves while the others are free, `1 / (Ĥ⁻¹)_jj`, in the posture where it is
-    ///   least. Their size is such that the largest eigenvalue of `Ĥ⁻¹ K_V` times the period is 1/4 in the worst posture: inside the stability
+    /// - `k_v` is proportional to the inertia that each joint moves while the others are free, `1 / (Ĥ⁻¹)_jj`, in the posture where it is
+    ///   least. The largest eigenvalue of `Ĥ⁻¹ K_V` times the period is 1/4 in the worst posture: within the stability
     ///   limit of the sampled loop, also if efforts act a period late, and without overshoot.
-    /// - `k_p` and `k_o` are the largest with which no motion of the arm, in any of the postures, is less than critically damped:
+    /// - `k_p` and `k_o` are the largest for which no motion of the arm, in any of the postures, is less than critically damped:
     ///   `λ(K_V⁻¹ (k_p Ĵ_Lᵀ Ĵ_L + k_o Ĵ_Aᵀ Ĵ_A)) <= ¼ λ_min(Ĥ⁻¹ K_V)`, half of it for each.
     /// - `joint_k_p` damps each joint critically with the largest inertia that it moves: `k_v² / 4 Ĥ_jj`.
     ///
@@ -69,7 +69,7 @@ impl AutoGains {
         let (mut slowest, mut linear, mut angular) = (f64::INFINITY, 0.0_f64, 0.0_f64);
         for q in &postures {
             workspace.set_positions(q);
-            // K^-½ Ĥ K^-½ has the inverse eigenvalues of Ĥ⁻¹ K_V.
+            // K^-½ Ĥ K^-½ has the inverses of the eigenvalues of Ĥ⁻¹ K_V.
             let inertia = workspace.reduced_inertia();
             let scaled = DMatrix::from_fn(n, n, |i, j| inertia[(i, j)] / (roots[i] * roots[j]));
             slowest = slowest.min(1.0 / scaled.symmetric_eigenvalues().max());
@@ -105,11 +105,11 @@ impl AutoGains {
     }
 }
 
-/// A position of `joint` in posture `k`: zero (or the nearest position) in the first one, then any within its limits; within
-/// a turn, or 2 m of a slider without limits, as near to zero as possible.
+/// A position of `joint` in posture `k`: zero (or the nearest position) in the first posture, otherwise random within
+/// its limits, cut to a turn, or 2 m for a slider without limits, as near to zero as possible.
 fn position(joint: &Joint, k: usize, random: &mut StdRng) -> f64 {
     let (lower, upper) = (joint.limits.lower, joint.limits.upper);
-    // A full turn has all postures; a slider without limits has none that is farthest.
+    // A full turn contains all postures; a slider without limits has no farthest posture.
     let (half, is_long) = match joint.kind.is_rotational() {
         true => (PI, upper - lower > 2.0 * PI),
         false => (1.0, !(upper - lower).is_finite()),
@@ -134,7 +134,7 @@ mod tests {
     use crate::control::fixtures::servicer;
     use crate::control::{JacobianKind, LinearisedLoop};
 
-    // On postures that were not sampled. Would break with gains that ignore the coupling between the joints.
+    // On postures that were not sampled. Fails with gains that ignore the coupling between the joints.
     #[test]
     fn the_sampled_loop_is_stable_and_critically_damped_everywhere() {
         let (model, tip) = servicer();
@@ -173,7 +173,7 @@ mod tests {
         assert!((fast.gains.k_p / slow.gains.k_p - 4.0).abs() < 1e-9);
     }
 
-    // Limits far from zero were cut to +-1 m and +-pi: most of their range had no posture.
+    // Fails if limits far from zero are cut to +-1 m and +-pi: most of their range then has no posture.
     #[test]
     fn postures_fill_the_limits() {
         let range = |kind: &str, limits: &str| {

@@ -2,11 +2,11 @@
 
 use nalgebra::DVector;
 
-/// The difference in the efforts that a change of settings makes, and its decay.
+/// The difference in the efforts due to a change of settings, and its decay.
 ///
 /// At a change, the law's efforts under the new settings differ from those under the old ones by `d`. The difference is
-/// added and decays, `d exp(-t/T)`, and the effective velocity gains follow the new `K_V` with the same time constant. So the
-/// efforts are continuous, and the joints are damped by a positive definite matrix at all times.
+/// subtracted at once and decays as `d exp(-t/T)`, and the effective velocity gains follow the new `K_V` with the same
+/// time constant. So the efforts are continuous, and the joints are damped by a positive definite matrix at all times.
 ///
 /// The proof of stability remains valid: with the Lyapunov function of the new settings,
 /// `dW/dt = -q̇ᵀ K q̇ + q̇ᵀ d exp(-t/T) ≤ |d|² exp(-2t/T) / 4k`, where `k` is the smallest effective velocity gain. A
@@ -19,9 +19,9 @@ pub(super) struct BumplessTransfer {
     time: Option<f64>,
     /// Whether settings have changed since the last step.
     changed: bool,
-    /// Efforts of the last step, difference included, without joint damping.
+    /// Efforts of the last step, including the difference, without joint damping.
     efforts: DVector<f64>,
-    /// The difference as far as it has not decayed yet.
+    /// The remaining difference.
     difference: DVector<f64>,
     /// The diagonal of the effective `K_V`.
     k_v: DVector<f64>,
@@ -40,7 +40,7 @@ impl BumplessTransfer {
         }
     }
 
-    /// Starts a transfer: other settings apply from the next step on.
+    /// Starts a transfer: new settings apply from the next step on.
     pub fn start(&mut self) {
         self.changed = true;
     }
@@ -53,7 +53,7 @@ impl BumplessTransfer {
         self.difference.fill(0.0);
     }
 
-    /// Adds what remains of the difference to `efforts`, which the present settings give; their joint damping is `fraction` of
+    /// Adds the remaining difference to `efforts`, those of the present settings; their joint damping is `fraction` of
     /// `k_v`.
     pub fn apply(&mut self, time: f64, efforts: &mut DVector<f64>, k_v: &[f64], fraction: f64) {
         let decay = self.advance(time, k_v, fraction);
@@ -73,13 +73,13 @@ impl BumplessTransfer {
         self.k_v[j]
     }
 
-    /// Moves the velocity gains towards `fraction * k_v`; returns the factor by which a difference decays in this step.
+    /// Moves the velocity gains towards `fraction * k_v`; returns the decay factor of a difference in this step.
     fn advance(&mut self, time: f64, k_v: &[f64], fraction: f64) -> f64 {
         let elapsed = self.time.replace(time).map(|last| time - last);
         let decay = match elapsed {
             Some(dt) if dt >= 0.0 && self.time_constant > 0.0 => (-dt / self.time_constant).exp(),
             Some(dt) if dt >= 0.0 => 0.0,
-            // The first step, or one after a jump back in time: there is no step before it.
+            // The first step, or one after a jump back in time: there is no previous step.
             _ => {
                 self.changed = false;
                 self.difference.fill(0.0);

@@ -6,11 +6,11 @@ use super::prediction::{GoalMotionConfig, Prediction, Predictor, TipPrediction};
 use super::{GoalRate, Manipulator, Measurement, MovingGoal, PoseError, TipMeasurement};
 use crate::dynamics::Momentum;
 
-/// Tips, goals and base at the time of the joint state. The predictors get all measurements even when no prediction is
-/// chosen, so that choosing one takes effect at once.
+/// Tips, goals and base at the time of the joint state. The predictors receive all measurements even if no prediction
+/// is chosen, so that a later choice takes effect at once.
 #[derive(Debug)]
 pub(super) struct LatencyCompensation {
-    /// One for each tip.
+    /// One predictor for each tip.
     predictors: Vec<Predictor>,
     tips: Vec<Option<TipPrediction>>,
     w_IB_B: Vector3<f64>,

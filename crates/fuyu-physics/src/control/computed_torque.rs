@@ -1,4 +1,4 @@
-//! Computed-torque control to joint positions found on the floating base.
+//! Computed-torque control to joint positions that reach the goal on the floating base.
 
 use nalgebra::DVector;
 
@@ -19,7 +19,8 @@ pub struct ComputedTorqueConfig {
     /// Natural frequency of the joints' deviations from the trajectory \[rad/s\]; they are critically damped. Sampled with the period
     /// `T`, the loop is stable for `frequency T` well below 1, for any robot.
     pub frequency: f64,
-    /// Largest joint rate of a trajectory \[rad/s, and a third of it in m/s\]; half of a joint's own limit if that is less.
+    /// Largest joint rate of a trajectory \[rad/s; a third of the number in m/s\]; half of a joint's own limit if that
+    /// is less.
     pub max_joint_rate: f64,
 }
 
@@ -43,45 +44,46 @@ impl ComputedTorqueConfig {
     }
 }
 
-/// Part of a joint's effort limit that a trajectory may use at its largest acceleration.
+/// Fraction of a joint's effort limit that a trajectory may use at its largest acceleration.
 const EFFORT_FRACTION: f64 = 0.25;
 /// Shortest trajectory \[s\].
 const SHORTEST: f64 = 2.0;
-/// Time after the end of a trajectory when the tip is compared with its goal, in time constants of the deviations.
+/// Time after the end of a trajectory at which the tip is compared with its goal, in time constants of the deviations.
 const SETTLED: f64 = 8.0;
-/// Deviations of the tip that are corrected by another trajectory \[m, rad\].
+/// Deviations of the tip above which another trajectory corrects them \[m, rad\].
 const CORRECTED: (f64, f64) = (1e-3, 2e-3);
-/// Motion of the goal that another trajectory follows \[m, rad\].
+/// Motion of the goal above which another trajectory follows \[m, rad\].
 const MOVED: (f64, f64) = (0.01, 0.02);
-/// Nearest pose that is approached where no positions reach the goal on a straight line \[m, rad\], and how often. From there the base's
-/// attitude is another one, so the goal may be reached.
+/// If no positions reach the goal on a straight line: largest deviation of the nearest pose that is approached instead
+/// \[m, rad\], and number of such approaches. From there the base has another attitude, so the goal may be reachable.
 const APPROACHED: (f64, f64) = (0.1, 0.2);
 const APPROACHES: usize = 3;
-/// Commanded rate at which friction is compensated in full \[rad/s or m/s\].
+/// Commanded rate above which friction is fully compensated \[rad/s or m/s\].
 const SLIDING: f64 = 2e-4;
 
-/// Moves the joints to positions at which the tip is at its goal (with `k_o` zero: at its position), and tracks that motion with the inertia of the free-floating
-/// robot.
+/// Moves the joints to positions at which the tip is at its goal (with `k_o` zero: at its position), and tracks that
+/// motion with the inertia of the free-floating robot.
 ///
-/// The positions are found by [`FloatingInverseKinematics`]: unlike those for a fixed base, they take into account how the base
-/// turns on the way. The joints move along a straight line in joint space, which no singular position interrupts and which stays within the
-/// position limits, with a polynomial of degree 5 in time. The efforts are
+/// [`FloatingInverseKinematics`] finds the positions: unlike those for a fixed base, they take into account how the
+/// base turns on the way. The joints move along a straight line in joint space, which no singular position interrupts
+/// and which stays within the position limits, with a polynomial of degree 5 in time. The efforts are
 ///
 /// ```text
 /// τ = Ĥ (q̈_d + 2 ω ė + ω² e) - Ĥ q̈_0 - D q̇ + D (q̇_d + ω e) + F sat((q̇_d + ω e) / v_s),   e = q_d - q
 /// ```
 ///
-/// with the acceleration `q̈_0` without efforts, the joints' damping `D` and Coulomb friction `F`. So `Ĥ (ë + 2 ω ė + ω² e) + D (ė + ω e)
-/// = 0`: critically damped for any inertia, and stable for any `D`, which is not compensated with the measured rate. (Computed torque: J. Luh,
-/// M. Walker and R. Paul, Resolved-acceleration control of mechanical manipulators, IEEE Trans. Automatic Control 25, 1980; with the reduced
-/// inertia of Masutani 1995 eq. (4.48).) It needs correct masses. When the trajectory has ended and the tip is not at its goal, for
-/// instance because the robot has momentum, another one corrects that.
+/// with the acceleration `q̈_0` without efforts, the joints' damping `D` and Coulomb friction `F`. So `Ĥ (ë + 2 ω ė +
+/// ω² e) + D (ė + ω e) = 0`: critically damped for any inertia, and stable for any `D`, since the measured rate is not
+/// used to compensate it. (Computed torque: J. Luh, M. Walker and R. Paul, Resolved-acceleration control of mechanical
+/// manipulators, IEEE Trans. Automatic Control 25, 1980; with the reduced inertia of Masutani 1995 eq. (4.48).) The law
+/// needs correct masses. If the tip is not at its goal after the end of the trajectory, for instance because the robot
+/// has momentum, another trajectory corrects that.
 #[derive(Debug, Clone)]
 pub struct ComputedTorque {
     config: ComputedTorqueConfig,
     kinematics: FloatingInverseKinematics,
     trajectory: Option<Trajectory>,
-    /// Approaches of the goal so far.
+    /// Number of approaches to the present goal.
     approaches: usize,
     unreachable: UnreachableGoal,
     state: State,
@@ -98,17 +100,17 @@ struct Trajectory {
     from: DVector<f64>,
     rate: DVector<f64>,
     to: DVector<f64>,
-    /// The goal that it leads to, see [`goal_at_rest`].
+    /// The goal of the trajectory, see [`goal_at_rest`].
     goal: Pose,
 }
 
 impl Trajectory {
-    /// Whether it leads to `goal`, or near enough to follow it.
+    /// Whether the trajectory leads to `goal`, or near enough.
     fn leads_to(&self, goal: &Pose) -> bool {
         PoseError::between(&self.goal, goal).is_within(MOVED)
     }
 
-    /// Position, rate and acceleration of joint `j` at `time`. From rate `v` at rest of acceleration to rest.
+    /// Position, rate and acceleration of joint `j` at `time`. From rate `v` and zero acceleration to rest.
     fn at(&self, j: usize, time: f64) -> [f64; 3] {
         let T = self.duration;
         let t = (time - self.start_time).clamp(0.0, T);
@@ -161,7 +163,7 @@ impl ComputedTorque {
             })
     }
 
-    /// Plans the motion from the present state to the goal. Searches, and takes memory.
+    /// Plans the motion from the present state to the goal. The search allocates memory.
     fn plan(
         &mut self,
         input: &LawInput<'_>,

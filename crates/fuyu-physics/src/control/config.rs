@@ -12,19 +12,19 @@ pub struct ControllerConfig {
     pub law: LawConfig,
     /// Gains on the deviation of the tip; `k_v` damps the joints under every law.
     pub gains: Gains,
-    /// Time constant of the bumpless transfer \[s\]: the difference in the efforts that a change of settings makes decays
-    /// with it. With zero the efforts jump.
+    /// Time constant of the bumpless transfer \[s\], with which the effort difference of a change of settings decays.
+    /// With zero the efforts jump.
     pub bumpless_transfer_time: f64,
-    /// How the age of the camera measurements is compensated.
+    /// Compensation of the age of the camera measurements.
     pub prediction: Prediction,
     /// Noise of the camera and smoothness of the goal's motion, for the prediction of that motion.
     pub goal: GoalMotionConfig,
-    /// How the arm leaves a singular position in which it rests away from its goal.
+    /// Escape of the arm from a singular position in which it rests away from its goal.
     pub singularity_escape: SingularityEscapeConfig,
 }
 
 impl ControllerConfig {
-    /// A law with the gains, and defaults for the rest. `law` is a [`LawKind`](super::LawKind) for the law's default
+    /// A law with these gains, and defaults for the rest. `law` is a [`LawKind`](super::LawKind) for the law's default
     /// settings, or the settings of a law, such as [`StraightPathConfig`](super::StraightPathConfig).
     pub fn new(law: impl Into<LawConfig>, gains: Gains) -> Self {
         Self {
@@ -37,8 +37,8 @@ impl ControllerConfig {
         }
     }
 
-    /// The same with computed gains where none are given: all [`Gains`] if `k_v` is empty, and the position gains of joint PD control if
-    /// they are. Saturation stays. See [`AutoGains`].
+    /// The same settings with computed gains ([`AutoGains`]) where none are given: all [`Gains`] if `k_v` is empty, and
+    /// the position gains of joint PD control if they are empty. Saturation does not change.
     ///
     /// # Errors
     /// [`ConfigError::NoAutoGains`] for a robot without joints, or whose tip no joint moves.
@@ -70,7 +70,7 @@ impl ControllerConfig {
     /// Refuses settings that do not fit a robot with `joints` joints, or are not finite.
     ///
     /// # Errors
-    /// [`ConfigError`] names the setting.
+    /// [`ConfigError`] that names the setting.
     pub fn check(&self, joints: usize) -> Result<(), ConfigError> {
         self.gains.check(joints)?;
         check_not_negative("bumpless_transfer_time", self.bumpless_transfer_time)?;

@@ -21,7 +21,7 @@ use crate::model::{Frame, Model};
 /// settings ([`ControllerConfig::bumpless_transfer_time`]).
 ///
 /// # Example
-/// An arm moves its tip to a goal. The controller is given the joint state, and tip and goal in the base frame.
+/// An arm moves its tip to a goal. The controller receives the joint state, and tip and goal in the base frame.
 ///
 /// ```
 /// #![allow(non_snake_case)]
@@ -91,8 +91,8 @@ impl Controller {
         Self::with_tips(model, tip, Vec::new(), config)
     }
 
-    /// A controller for a robot with several arms, each with a tip and a goal. All laws move the first; laws for several
-    /// tips ([`OperationalSpace`](super::OperationalSpace)) move the others too.
+    /// A controller for a robot with several arms, each with a tip and a goal. All laws move the first tip; laws for
+    /// several tips ([`OperationalSpace`](super::OperationalSpace)) also move the others.
     ///
     /// # Errors
     /// [`ConfigError`] when the settings do not fit the robot.
@@ -208,7 +208,8 @@ impl Controller {
         }
     }
 
-    /// Forgets everything but the settings in force: the next step belongs to another run, whose time may start again.
+    /// Restarts the controller with its present settings: the next step belongs to another run, whose time may start
+    /// again.
     pub fn restart(&mut self) {
         let joints = self.manipulator.model.dof();
         let config = &self.config;
@@ -219,7 +220,7 @@ impl Controller {
         self.efforts.fill(0.0);
     }
 
-    /// Settings in force.
+    /// The present settings.
     pub fn config(&self) -> &ControllerConfig {
         &self.config
     }
@@ -240,8 +241,8 @@ impl Controller {
         self.config.gains.k_v.iter().map(|k| k * fraction).collect()
     }
 
-    /// Rate at which the law damps the joints, or the tip, in the posture `q` in the direction in which it does so fastest
-    /// \[1/s\]; `None` for a robot without joints.
+    /// Rate at which the law damps the joints, or the tip, in the posture `q`, in the direction with the fastest
+    /// damping \[1/s\]; `None` for a robot without joints.
     ///
     /// # Panics
     /// If `q` does not have one element per joint.
@@ -269,7 +270,7 @@ impl Controller {
     /// the goal under joint PD control. [`LawConfig::Custom`] keeps the user-defined law.
     ///
     /// # Errors
-    /// [`ConfigError`] when they do not fit the robot; nothing has changed then.
+    /// Changes the settings without a step in the efforts.
     pub fn set_config(&mut self, config: ControllerConfig) -> Result<(), ConfigError> {
         let Manipulator { model, tip, .. } = &self.manipulator;
         let config = with_fallback_gains(config, model, tip)?;

@@ -1,4 +1,4 @@
-//! Damped least squares (Levenberg-Marquardt) from several starts: the search of every inverse kinematics.
+//! Damped least squares (Levenberg-Marquardt) from several starts: the search of every inverse kinematics here.
 
 use nalgebra::{DVector, Vector3, Vector6};
 
@@ -15,7 +15,8 @@ pub(super) struct Deviation<R> {
 }
 
 impl Deviation<Vector6<f64>> {
-    /// Stacks the position error `p` \[m\] and the rotation vector `turn` \[rad\] to the goal; `error` says what is left.
+    /// Stacks the position error `p` \[m\] and the rotation vector `turn` \[rad\] to the goal; `error` gives the
+    /// remaining distance and angle.
     pub fn stacked(p: &Vector3<f64>, turn: &Vector3<f64>, error: &PoseError) -> Self {
         let residual = Vector6::new(p.x, p.y, p.z, turn.x, turn.y, turn.z);
         Self {
@@ -28,7 +29,7 @@ impl Deviation<Vector6<f64>> {
 
 /// A search for joint positions, or for a motion, that bring the tip to its goal.
 pub(super) trait TipSearch {
-    /// Point of the search.
+    /// A point in the search space.
     type Point;
     /// Deviation from the goal in the coordinates of the steps.
     type Residual;
@@ -36,10 +37,10 @@ pub(super) trait TipSearch {
     /// Remaining deviation from the goal.
     fn deviation(&mut self, at: &Self::Point) -> Deviation<Self::Residual>;
 
-    /// Whether this is close enough.
+    /// Whether the remaining deviation is small enough.
     fn is_at_goal(&self, left: (f64, f64)) -> bool;
 
-    /// Where a least-squares step with this damping leads. `None` if its equations cannot be solved.
+    /// The point after a least-squares step with this damping. `None` if its equations cannot be solved.
     fn step(
         &mut self,
         from: &Self::Point,
@@ -48,17 +49,17 @@ pub(super) trait TipSearch {
     ) -> Option<Self::Point>;
 }
 
-/// The nearest that a search came to its goal.
+/// The point of a search that came nearest to the goal.
 pub(super) struct Nearest<P> {
-    /// Where; `None` if nothing was finite.
+    /// The point; `None` if no result was finite.
     pub point: Option<P>,
-    /// Position \[m\] and angle \[rad\] that were left.
+    /// Remaining distance \[m\] and angle \[rad\].
     pub left: (f64, f64),
 }
 
 /// Settings of a descent.
 pub(super) struct DampedDescent {
-    /// Most steps from one start.
+    /// Largest number of steps from one start.
     pub steps: usize,
     /// Damping of the first step.
     pub damping: f64,
@@ -67,7 +68,7 @@ pub(super) struct DampedDescent {
 }
 
 impl DampedDescent {
-    /// Descends from `starts` starts in turn until one leads to the goal; `start` gives each.
+    /// Descends from `starts` initial points, given by `start`, until one leads to the goal.
     ///
     /// # Errors
     /// The nearest point that was found.
@@ -95,7 +96,7 @@ impl DampedDescent {
         Err(nearest)
     }
 
-    /// Descends from one start; returns where it ends, and what is left there.
+    /// Descends from one start; returns the final point and its remaining deviation.
     fn descend<S: TipSearch>(&self, search: &mut S, mut at: S::Point) -> (S::Point, (f64, f64)) {
         let mut damping = self.damping;
         let mut deviation = search.deviation(&at);
@@ -117,8 +118,8 @@ impl DampedDescent {
     }
 }
 
-/// A step whose largest element is at most `longest`, in the same direction: a longer one leaves the region where the Jacobian is a
-/// good approximation.
+/// A step in the same direction whose largest element is at most `longest`: a longer step leaves the region where the
+/// Jacobian is a good approximation.
 pub(super) fn shortened(step: DVector<f64>, longest: f64) -> DVector<f64> {
     let largest = step.amax();
     match largest > longest {

@@ -1,10 +1,10 @@
 //! Closed forms for stopping a tumbling body, or robot and target together: time, remaining motion, necessary limits.
 //!
-//! A couple against the angular momentum `L` about the centre of mass reduces the magnitude of `L` and keeps its direction,
-//! whatever the body's inertia and whatever its joints do. Since `|L|' >= -τ` for every couple of magnitude `τ`, none is
-//! faster (M. Athans, P. Falb and R. Lacoss, Time-, fuel-, and energy-optimal control of nonlinear norm-invariant systems,
-//! IEEE Trans. Automatic Control 8, 1963). A rigid body then passes through the attitudes of its free motion, ever more
-//! slowly ([`Slowdown`]).
+//! A couple opposed to the angular momentum `L` about the centre of mass reduces the magnitude of `L` and keeps its
+//! direction, for any inertia of the body and any motion of its joints. Since `|L|' >= -τ` for every couple of
+//! magnitude `τ`, none is faster (M. Athans, P. Falb and R. Lacoss, Time-, fuel-, and energy-optimal control of
+//! nonlinear norm-invariant systems, IEEE Trans. Automatic Control 8, 1963). A rigid body then passes through the
+//! attitudes of its free motion, ever more slowly ([`Slowdown`]).
 
 use std::f64::consts::FRAC_PI_4;
 
@@ -12,19 +12,19 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::estimation::elliptic::carlson_rf;
 
-/// An external couple against the angular momentum, as thrusters give it; or the couple by which wheels take up a
+/// An external couple opposed to the angular momentum, as thrusters give it; or the couple with which wheels take up a
 /// body's momentum.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum BrakingCouple {
-    /// Of constant size \[N m\].
+    /// Constant magnitude \[N m\].
     Constant(f64),
-    /// Proportional to the angular momentum, by this gain \[1/s\].
+    /// Proportional to the angular momentum, with this gain \[1/s\].
     Proportional(f64),
 }
 
-/// Where a rigid body is in its free motion while a [`BrakingCouple`] acts, and how fast: its attitude is that of
-/// the free motion at `time`, its angular velocity that of the free motion there times `factor`, its kinetic energy
-/// the free one's times `factor²`.
+/// State of a rigid body relative to its free motion while a [`BrakingCouple`] acts: its attitude is that of the free
+/// motion at `time`, its angular velocity that of the free motion there times `factor`, its kinetic energy the free one
+/// times `factor²`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Slowdown {
     /// Time of the free motion \[s\].
@@ -34,7 +34,8 @@ pub struct Slowdown {
 }
 
 impl BrakingCouple {
-    /// When a body with angular momentum `momentum` \[N m s\] rests \[s\]; infinite for a proportional couple.
+    /// Time at which a body with angular momentum `momentum` \[N m s\] is at rest \[s\]; infinite for a proportional
+    /// couple.
     pub fn duration(self, momentum: f64) -> f64 {
         match self {
             _ if momentum == 0.0 => 0.0,
@@ -69,28 +70,28 @@ impl BrakingCouple {
     }
 }
 
-/// Bounds of the angular momentum \[N m s\] of a rigid body under the couple `-D ω`, `t` \[s\] after it was
-/// `momentum`; `moments` are the principal ones. The lower bound is reached in rotation about the axis of the
-/// smallest moment, the upper one about that of the largest.
+/// Bounds of the angular momentum \[N m s\] of a rigid body under the couple `-D ω`, `t` \[s\] after it was `momentum`;
+/// `moments` are the principal moments. The lower bound is reached in rotation about the axis of the smallest moment,
+/// the upper one about that of the largest.
 pub fn damped_momentum(momentum: f64, damping: f64, moments: &Vector3<f64>, t: f64) -> (f64, f64) {
     let after = |moment: f64| momentum * (-damping * t / moment).exp();
     (after(moments.min()), after(moments.max()))
 }
 
-/// Bounds of the time \[s\] in which couples about three axes of the body, each of limited size, stop it if each
-/// opposes the angular momentum's component along its axis.
+/// Bounds of the time \[s\] in which limited couples about three axes of the body stop it, if each opposes the angular
+/// momentum's component along its axis.
 pub fn time_with_body_limits(momentum: f64, limits: &Vector3<f64>) -> (f64, f64) {
     (momentum / limits.norm(), momentum / limits.min())
 }
 
-/// The same about three inertially fixed axes, exactly.
+/// The exact time for couples about three inertially fixed axes.
 pub fn time_with_inertial_limits(momentum: &Vector3<f64>, limits: &Vector3<f64>) -> f64 {
     momentum.abs().component_div(limits).max()
 }
 
-/// Momentum \[N m s\] of reaction wheels, body axes, when they have taken the body's angular momentum to
-/// `body_momentum` (body axes); `total` is the whole in inertial axes, which they do not change. Wheels move
-/// momentum; only external couples remove it.
+/// Momentum \[N m s\] of reaction wheels, body axes, when they have changed the body's angular momentum to
+/// `body_momentum` (body axes); `total` is the total in inertial axes, which they do not change. Wheels move momentum;
+/// only external couples remove it.
 pub fn wheel_momentum(
     total: &Vector3<f64>,
     R_WB: &UnitQuaternion<f64>,
@@ -99,19 +100,19 @@ pub fn wheel_momentum(
     R_WB.inverse_transform_vector(total) - body_momentum
 }
 
-/// Largest torque \[N m\] that the motors of wheels with momentum `wheels` need, all together, to take momentum
-/// from a body at the rate `torque`: they also carry the wheels' momentum around with the body.
+/// Largest total torque \[N m\] that the motors of wheels with momentum `wheels` need to take momentum from a body at
+/// the rate `torque`: they also turn the wheels' momentum with the body.
 pub fn wheel_motor_torque(torque: f64, w: &Vector3<f64>, wheels: &Vector3<f64>) -> f64 {
     torque + w.norm() * wheels.norm()
 }
 
-/// A target that is stopped in a plane by a force at its grasp point, limited in size, while the grasp point stays
-/// where it is: the force both slows the rotation and holds the centre of mass on its circle, `ω'² + ω⁴ <= A²`.
+/// A target that is stopped in a plane by a force of limited size at its grasp point, which stays in place: the force
+/// both slows the rotation and holds the centre of mass on its circle, `ω'² + ω⁴ <= A²`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GraspForceLimit {
     /// Mass of the target \[kg\].
     pub mass: f64,
-    /// Distance of its centre of mass from the grasp point \[m\].
+    /// Distance of the target's centre of mass from the grasp point \[m\].
     pub radius: f64,
     /// Largest force \[N\].
     pub force: f64,
@@ -156,7 +157,7 @@ impl GraspForceLimit {
 pub struct JointBrake {
     /// Moment of inertia of the base about its centre of mass \[kg m²\].
     pub base: f64,
-    /// That of the target.
+    /// Moment of inertia of the target about its centre of mass \[kg m²\].
     pub target: f64,
 }
 
@@ -166,7 +167,7 @@ impl JointBrake {
         self.base * self.target / (self.base + self.target)
     }
 
-    /// Time \[s\] and angle \[rad\] in which a constant torque stops the relative rate.
+    /// Time \[s\] and angle \[rad\] in which a constant torque stops a relative rotation at `rate`.
     pub fn constant_torque(&self, rate: f64, torque: f64) -> (f64, f64) {
         let inertia = self.reduced_inertia();
         (
@@ -175,18 +176,18 @@ impl JointBrake {
         )
     }
 
-    /// Time constant \[s\] and angle \[rad\] in which a damper \[N m s/rad\] stops it.
+    /// Time constant \[s\] and angle \[rad\] in which a damper \[N m s/rad\] stops the relative rotation.
     pub fn damper(&self, rate: f64, damping: f64) -> (f64, f64) {
         let inertia = self.reduced_inertia();
         (inertia / damping, rate * inertia / damping)
     }
 
-    /// Energy that either takes \[J\].
+    /// Energy dissipated in either case \[J\].
     pub fn dissipated(&self, rate: f64) -> f64 {
         0.5 * self.reduced_inertia() * rate * rate
     }
 
-    /// Rate of both afterwards \[rad/s\], from their angular momentum together \[N m s\].
+    /// Final rate of both bodies \[rad/s\], from their total angular momentum \[N m s\].
     pub fn common_rate(&self, momentum: f64) -> f64 {
         momentum / (self.base + self.target)
     }
@@ -196,7 +197,7 @@ impl JointBrake {
 mod tests {
     use super::*;
 
-    // Both divided zero by zero.
+    // Both results were zero divided by zero.
     #[test]
     fn a_body_at_rest_and_a_couple_of_zero_change_nothing() {
         let at_rest = Slowdown {

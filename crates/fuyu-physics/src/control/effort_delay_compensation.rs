@@ -1,14 +1,15 @@
-//! Delay compensation: predicts the joint state at the time at which the efforts that answer it act.
+//! Delay compensation: predicts the joint state for the time at which the resulting efforts act.
 //!
-//! Over a network, the efforts that answer the state at time `t` act at `t + d`. A law that uses the state at `t` then damps
-//! with a delay, and the loop is unstable unless the gains are small ([`SampledDamping::limit_if_late`]). So the state is
-//! predicted from `t` to `t + d` by the robot's equations of motion, with the efforts that have been sent and act in that
-//! time (a state predictor: Manitius and Olbrot, Finite spectrum assignment problem for systems with delays, IEEE Trans.
-//! Automatic Control 24 (1979) 541). The law then gets the state on which its efforts act.
+//! Over a network, the efforts computed from the state at time `t` act at `t + d`. A law that uses the state at `t`
+//! then damps with a delay, and the loop is unstable unless the gains are small ([`SampledDamping::limit_if_late`]). So
+//! the state is predicted from `t` to `t + d` by the robot's equations of motion, with the efforts that have been sent
+//! and act in that time (a state predictor: Manitius and Olbrot, Finite spectrum assignment problem for systems with
+//! delays, IEEE Trans. Automatic Control 24 (1979) 541). The law then receives the state on which its efforts act.
 //!
-//! With an exact model the delay has no effect. With a relative error `ε` of the model's inertia, sampled damping at the
-//! rate `λ` obeys `z^(m+1) - (1 - (1 + ε) λ T) z^m - ε λ T = 0` for a delay of `m` periods `T`. All roots lie within the unit
-//! circle, whatever `m` is, if `|1 - (1 + ε) λ T| + |ε| λ T < 1` (Rouché), thus if `|ε| < 1/2` and `λ T < 2 / (1 + 2 |ε|)`.
+//! With an exact model the delay has no effect. With a relative error `ε` of the model's inertia, sampled damping at
+//! the rate `λ` obeys `z^(m+1) - (1 - (1 + ε) λ T) z^m - ε λ T = 0` for a delay of `m` periods `T`. All roots lie
+//! within the unit circle, for any `m`, if `|1 - (1 + ε) λ T| + |ε| λ T < 1` (Rouché), thus if `|ε| < 1/2` and `λ T < 2
+//! / (1 + 2 |ε|)`.
 
 #[cfg(test)]
 mod tests;
@@ -22,29 +23,29 @@ use crate::dynamics::{Input, IntegrationMethod, Integrator, Momentum, State, Wor
 use crate::model::Model;
 use crate::spatial::Twist;
 
-/// Delays that are measured before any efforts are given.
+/// Number of delays that are measured before any efforts are given.
 const FIRST_DELAYS: usize = 10;
-/// The last delays count.
+/// Number of most recent delays that are evaluated.
 const WINDOW: usize = 31;
 /// The longest delay that is compensated, in periods of the states.
 const MAX_PERIODS: f64 = 50.0;
-/// Number of stored commands: more than can be sent and not act yet.
+/// Number of stored commands: more than can have been sent but not act yet.
 const REMEMBERED: usize = 64;
-/// Relative error of the model's inertia that the loop must bear.
+/// Relative error of the model's inertia for which the loop must be stable.
 const MODEL_ERROR: f64 = 0.2;
-/// How fast the compensated delay follows the measured one, of the time that passes.
+/// Rate at which the compensated delay follows the measured one \[s per s\].
 const SLEW: f64 = 0.1;
 /// Longest step of the prediction \[s\].
 const MAX_STEP: f64 = 0.005;
 
-/// Compensation of the delay of the efforts in a step.
+/// Status of the delay compensation in a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DelayStatus {
     /// Delays are not compensated.
     NotCompensated,
     /// Too few delays have been measured: efforts are zero.
     Measuring,
-    /// The law has the predicted state.
+    /// The law uses the predicted state.
     Compensated {
         /// The delay \[s\].
         delay: f64,
@@ -56,7 +57,7 @@ pub enum DelayStatus {
 /// Why a delay is not compensated.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum DelayError {
-    /// It is too long.
+    /// The delay is too long.
     #[error(
         "efforts act {delay:.3} s after the states that they answer; at most {limit:.3} s can be compensated"
     )]
@@ -74,17 +75,17 @@ pub enum DelayError {
     Unstable {
         /// The delay \[s\].
         delay: f64,
-        /// How much it varies \[s\].
+        /// Spread of the delay \[s\].
         spread: f64,
         /// Rate of the fastest damping \[1/s\].
         rate: f64,
-        /// The largest rate that is stable \[1/s\].
+        /// The largest stable rate \[1/s\].
         limit: f64,
     },
 }
 
-/// Predicts joint states by the measured delay of the efforts. A step allocates no memory, except the first one with a delay and
-/// those after a change of settings.
+/// Predicts joint states by the measured delay of the efforts. A step allocates no memory, except the first one with a
+/// delay and those after a change of settings.
 #[derive(Debug)]
 pub(super) struct DelayCompensation {
     integrator: Integrator,
@@ -93,15 +94,15 @@ pub(super) struct DelayCompensation {
     w_IB_B: Vector3<f64>,
     /// Largest efforts of the actuators \[N m or N\].
     limits: DVector<f64>,
-    /// Efforts that act at present in the prediction.
+    /// Efforts that currently act in the prediction.
     acting: DVector<f64>,
-    /// Efforts with the stamp of the state that they answer, oldest first.
+    /// Efforts with the stamp of the state from which they were computed, oldest first.
     sent: VecDeque<(Stamp, DVector<f64>)>,
     unused: Vec<DVector<f64>>,
-    /// The last delays \[s\], oldest first.
+    /// The most recent delays \[s\], oldest first.
     delays: VecDeque<f64>,
     sorted: Vec<f64>,
-    /// The delay that is compensated; `None` before the first \[s\].
+    /// The compensated delay \[s\]; `None` before the first.
     delay: Option<f64>,
     /// Time between two states \[s\]; zero before it is known.
     period: f64,
@@ -134,7 +135,7 @@ impl DelayCompensation {
         }
     }
 
-    /// Forgets the run, and the delays with it.
+    /// Discards the run, including its measured delays.
     pub fn restart(&mut self) {
         self.unused.extend(self.sent.drain(..).map(|(_, e)| e));
         self.delays.clear();
@@ -143,12 +144,12 @@ impl DelayCompensation {
         self.rate = None;
     }
 
-    /// The settings of the controller have changed.
+    /// Must be called after a change of the controller's settings.
     pub fn controller_changes(&mut self) {
         self.rate = None;
     }
 
-    /// Efforts have acted `delay` after the state that they answered \[s\].
+    /// Adds a measured delay \[s\], from a state to the time at which the efforts computed from it acted.
     pub fn add_delay(&mut self, delay: f64) {
         if self.delays.len() == WINDOW {
             self.delays.pop_front();
@@ -156,7 +157,8 @@ impl DelayCompensation {
         self.delays.push_back(delay);
     }
 
-    /// How to compensate the delay of the efforts that answer the state of `stamp` with the joint positions `q`.
+    /// Determines how to compensate the delay of the efforts computed from the state of `stamp` with the joint
+    /// positions `q`.
     pub fn judge(
         &mut self,
         stamp: Stamp,
@@ -165,7 +167,7 @@ impl DelayCompensation {
     ) -> DelayStatus {
         let since = self.last.replace(stamp);
         let passed = since.map_or(0.0, |last| stamp.seconds_since(last));
-        // States that were skipped make it longer.
+        // Skipped states lengthen the interval.
         if passed > 0.0 && (self.period == 0.0 || passed < self.period) {
             self.period = passed;
         }
@@ -199,7 +201,7 @@ impl DelayCompensation {
         DelayStatus::Compensated { delay }
     }
 
-    /// Median of the delays, and the width of the interval that contains the middle four fifths of them \[s\].
+    /// Median of the delays, and the width of the interval that contains their middle four fifths \[s\].
     fn delay_and_spread(&mut self) -> (f64, f64) {
         let Self { delays, sorted, .. } = self;
         sorted.clear();
@@ -209,7 +211,7 @@ impl DelayCompensation {
         (at(5), at(9) - at(1))
     }
 
-    /// Predicts the state of `stamp` (positions `q`, rates `qd`, and the angular velocity of the base, if it is measured) by
+    /// Predicts the state of `stamp` (positions `q`, rates `qd`, and the angular velocity of the base, if measured) by
     /// `delay` \[s\].
     pub fn predict(
         &mut self,
@@ -229,11 +231,11 @@ impl DelayCompensation {
         if let Some(angular) = w_IB_B {
             workspace.set_positions(q);
             let (angular, linear) = (*angular, Vector3::zeros());
-            // Angular momentum about the centre of mass does not depend on how that moves.
+            // Angular momentum about the centre of mass is independent of the velocity of the centre of mass.
             let momentum = workspace.momentum_of(&Twist { angular, linear }, qd);
             state.momentum_W.angular = momentum.angular;
         }
-        // Efforts act from the delay after their state on, until the next ones do.
+        // Efforts act from the delay after their state on, until the next ones act.
         self.acting.fill(0.0);
         let mut time = 0.0;
         for i in 0..self.sent.len() {
@@ -295,9 +297,9 @@ impl DelayCompensation {
         &self.w_IB_B
     }
 
-    /// These efforts answer the state of `stamp`.
+    /// Stores the efforts computed from the state of `stamp`.
     pub fn record(&mut self, stamp: Stamp, efforts: &DVector<f64>) {
-        // The same state, sent and answered twice.
+        // The same state was sent and answered twice.
         while self.sent.back().is_some_and(|(last, _)| *last >= stamp) {
             self.unused.extend(self.sent.pop_back().map(|(_, e)| e));
         }
@@ -310,8 +312,8 @@ impl DelayCompensation {
     }
 }
 
-/// Largest product of damping rate and period that is stable if delays vary by `spread` periods: a delay that varies is taken for
-/// one that is as long as it varies, and is not compensated.
+/// Largest stable product of damping rate and period if delays vary by `spread` periods: the variation is treated as an
+/// uncompensated delay of that length.
 fn largest_damping(spread: f64) -> f64 {
     let with_model_error = SampledDamping::UNSTABLE / (1.0 + 2.0 * MODEL_ERROR);
     let late = match spread <= 1.0 {

@@ -2,9 +2,9 @@
 
 use crate::model::{Joint, JointKind, Model};
 
-/// The largest inertia that joint `j` can have to move, whatever the posture \[kg m² or kg\]: that of everything behind it
-/// on an immobile base. For a rotation the other joints are assumed to stretch the arm away from the axis; for a translation
-/// it is the mass.
+/// Upper bound of the inertia that joint `j` has to move in any posture \[kg m² or kg\]: the inertia of all bodies that
+/// it moves, on an immobile base. For a rotation the other joints are assumed to stretch the arm away from the axis;
+/// for a translation it is the mass.
 ///
 /// # Panics
 /// If there is no joint `j`.
@@ -39,7 +39,7 @@ fn distance_to(model: &Model, from: usize, to: usize) -> f64 {
     distance
 }
 
-/// How far a joint translates its body at most \[m\]; zero without limits.
+/// Largest translation of the joint's body \[m\]; zero without limits.
 fn stroke(joint: &Joint) -> f64 {
     let reach = joint.limits.lower.abs().max(joint.limits.upper.abs());
     match joint.kind {
@@ -48,8 +48,8 @@ fn stroke(joint: &Joint) -> f64 {
     }
 }
 
-/// The robot with effort limits for all joints. A joint without one gets the effort that moves
-/// [`outstretched_inertia`] with the `acceleration` \[rad/s² or m/s²\]; limits of the description stay.
+/// The robot with effort limits for all joints. A joint without a limit gets the effort that accelerates
+/// [`outstretched_inertia`] by `acceleration` \[rad/s² or m/s²\]; limits of the description are kept.
 pub fn with_default_effort_limits(model: &Model, acceleration: f64) -> Model {
     model.with_effort_limits(|j, joint| match joint.limits.effort {
         limit if limit.is_finite() => limit,
@@ -67,7 +67,7 @@ mod tests {
         Model::from_urdf(include_str!("../../../../urdf/servicer.urdf"), "servicer").unwrap()
     }
 
-    // Would break if a posture had more inertia than the bound.
+    // Fails if a posture has more inertia than the bound.
     #[test]
     fn no_posture_has_more_inertia() {
         let model = servicer();

@@ -10,8 +10,8 @@ use crate::spatial::Twist;
 /// moving goal, at any momentum of the robot.
 ///
 /// The law of the thesis keeps its tip at a goal at rest, at zero momentum. It damps all joint motion, so the tip lags
-/// behind a moving goal until the law's efforts balance the damping. Let `q̇_D` be the joint rates that
-/// move the tip with the goal,
+/// behind a moving goal until the law's efforts balance the damping. Let `q̇_D` be the joint rates that move the tip
+/// with the goal,
 ///
 /// ```text
 /// Ĵ q̇_D = V_D - V_0
@@ -31,20 +31,20 @@ use crate::spatial::Twist;
 /// Ĥ ṡ + C s = Ĵᵀ (k_p ē_p, k_o ē_o) - K_V s
 /// ```
 ///
-/// which is that of the thesis with `s` for `q̇`: since `dU/dt = -(k_p ē_p, k_o ē_o)ᵀ Ĵ s`, the function
-/// `½ sᵀ Ĥ s + U` of eqs. (5.13), (5.27) decreases at the rate `sᵀ K_V s`, and its proof holds wherever `Ĵ` has full rank. For
-/// a goal at rest and zero momentum nothing is added.
+/// which is that of the thesis with `s` for `q̇`: since `dU/dt = -(k_p ē_p, k_o ē_o)ᵀ Ĵ s`, the function `½ sᵀ Ĥ s + U`
+/// of eqs. (5.13), (5.27) decreases at the rate `sᵀ K_V s`, and its proof is valid wherever `Ĵ` has full rank. For a
+/// goal at rest and zero momentum, nothing is added.
 ///
-/// `C s = Γ(q̇, s)` is bilinear and symmetric, so it comes from inverse dynamics at two rates:
-/// `Γ(q̇, s) = ¼ (c(q̇ + s) - c(q̇ - s))` with `c(v) = Γ(v, v)` the efforts of steady rates at zero momentum. `q̈_D` is
-/// the change of `q̇_D` along the motion, by a central difference over less than a millisecond, so it is right for the damped
-/// inverse too.
+/// `C s = Γ(q̇, s)` is bilinear and symmetric, so it follows from inverse dynamics at two rates: `Γ(q̇, s) = ¼ (c(q̇ +
+/// s) - c(q̇ - s))`, where `c(v) = Γ(v, v)` are the efforts of constant rates at zero momentum. `q̈_D` is the change of
+/// `q̇_D` along the motion, by a central difference over less than a millisecond, so it is also right for the damped
+/// inverse.
 #[derive(Debug, Clone)]
 pub struct FeedForward {
-    /// Damping of the inverse of `Ĵ` \[m or rad\]: nearer to a singularity than this the tip lags behind.
+    /// Damping of the inverse of `Ĵ` \[m or rad\]: closer to a singularity than this, the tip lags behind.
     pub damping: f64,
     /// Largest joint rate that is fed forward \[rad/s or m/s\], so that a goal that leaves the workspace does not
-    /// accelerate the arm without bounds.
+    /// accelerate the arm without bound.
     pub max_joint_rate: f64,
     tip: Frame,
     /// Angular momentum, base axes.
@@ -62,7 +62,7 @@ pub struct FeedForward {
 }
 
 /// Step of the central difference \[s\]: truncation and rounding errors are both below 1e-9 of the rates here. The
-/// rounding error enters the efforts times the arm's inertia, and runs that should be the same differ by it.
+/// rounding error enters the efforts multiplied by the arm's inertia, so it should not vary between equal runs.
 const TIME_STEP: f64 = 2e-4;
 
 /// Damping that leaves 4 % of the goal's velocity to the law where the smallest singular value is 0.1.
@@ -82,12 +82,12 @@ pub struct MovingGoal<'a> {
     pub w_IB_B: &'a Vector3<f64>,
     /// Twist of the goal in I, base axes.
     pub V_ID_B: &'a Twist,
-    /// Its rate of change in I, base axes.
+    /// Rate of change of the goal's twist in I, base axes.
     pub A_ID_B: &'a Twist,
 }
 
 impl FeedForward {
-    /// For `model` with its tip at `tip`.
+    /// Feed-forward for `model` with its tip at `tip`.
     pub fn new(model: &Model, tip: &Frame) -> Self {
         let zero = DVector::zeros(model.dof());
         Self {
@@ -134,7 +134,7 @@ impl FeedForward {
         );
     }
 
-    /// Computes `q̇_D` at the time `dt` \[s\] from now, when robot and goal continue their motion.
+    /// Computes `q̇_D` at the time `dt` \[s\] from now, if robot and goal continue their motion.
     fn compute_neighbour_rates(&mut self, goal: &MovingGoal, dt: f64) {
         // Vectors that are constant in I rotate in base axes.
         let w = goal.w_IB_B;

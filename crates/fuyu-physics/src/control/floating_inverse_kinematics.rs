@@ -12,7 +12,7 @@ use crate::dynamics::Workspace;
 use crate::model::{Frame, Joint, Model};
 use crate::spatial::{Pose, exp_so3};
 
-/// Largest remaining error of a solution \[m and rad\]. The prediction of the base's motion is less accurate.
+/// Largest remaining error of a solution \[m and rad\], smaller than that of the base's predicted motion.
 const TOLERANCE: f64 = 1e-6;
 /// Largest change of a joint in one step of the search \[rad or m\].
 const LONGEST_STEP: f64 = 0.4;
@@ -25,21 +25,22 @@ const DESCENT: DampedDescent = DampedDescent {
 };
 /// Steps in which the base's rotation is integrated along the motion of the joints.
 const PIECES: usize = 12;
-/// Distance that is kept from position limits \[rad or m\], so that a tracking error does not end at a stop.
+/// Distance kept from position limits \[rad or m\], so that a tracking error does not end at a stop.
 const MARGIN: f64 = 0.02;
-/// Largest turn from the start, of joints without limits \[rad\].
+/// Largest rotation from the start, for joints without limits \[rad\].
 const LARGEST_TURN: f64 = 2.0 * std::f64::consts::PI;
-/// Largest way from the start, of sliders without limits \[m\].
+/// Largest displacement from the start, for sliders without limits \[m\].
 const LARGEST_WAY: f64 = 6.0;
 
-/// Inverse kinematics of an arm on a free-floating base without momentum, whose joints move along a straight line in joint space:
-/// the base turns as eq. (4.23) of Masutani 1995 demands, integrated along the line, and the system's centre of mass stays. The
-/// attitude that the base ends in depends on the path, so this finds the positions for this path only.
+/// Inverse kinematics of an arm on a free-floating base without momentum, whose joints move along a straight line in
+/// joint space: the base turns by eq. (4.23) of Masutani 1995, integrated along the line, and the system's centre of
+/// mass stays in place. The final attitude of the base depends on the path, so the positions are valid for this path
+/// only.
 #[derive(Debug, Clone)]
 pub struct FloatingInverseKinematics {
     model: Model,
     tip: Frame,
-    /// Whether the goal's attitude counts, or its position only.
+    /// Whether the goal's attitude is controlled, or its position only.
     controls_attitude: bool,
     workspace: Workspace,
     jacobian: Matrix6xX<f64>,
@@ -49,7 +50,7 @@ pub struct FloatingInverseKinematics {
 }
 
 impl FloatingInverseKinematics {
-    /// For the frame `tip` of `model`.
+    /// Inverse kinematics for the frame `tip` of `model`.
     pub fn new(model: &Model, tip: &Frame) -> Self {
         let n = model.dof();
         Self {
@@ -64,17 +65,17 @@ impl FloatingInverseKinematics {
         }
     }
 
-    /// The positions that were nearest to the goal when the last search failed.
+    /// The positions nearest to the goal in the last search that failed.
     pub fn nearest(&self) -> &DVector<f64> {
         &self.nearest
     }
 
-    /// Whether the goal's attitude counts, or its position only.
+    /// Sets whether the goal's attitude is controlled, or its position only.
     pub fn set_controls_attitude(&mut self, controls_attitude: bool) {
         self.controls_attitude = controls_attitude;
     }
 
-    /// Pose that the tip has after the joints have moved straight from `start` to `end`, in the base frame at the start.
+    /// Pose of the tip after the joints have moved straight from `start` to `end`, in the base frame at the start.
     ///
     /// # Panics
     /// If a vector does not have one element per joint.
@@ -100,12 +101,13 @@ impl FloatingInverseKinematics {
         X_0B * workspace.X_BF(&self.tip)
     }
 
-    /// Joint positions, within the limits, to which the joints move straight from `start` so that the tip ends at `X_BD` (base frame
-    /// at the start): damped least squares with step control, with the generalized Jacobian. The search descends from `guess`;
-    /// where that does not reach the goal, it starts again from up to 60 pseudo-random positions, the same in every call.
+    /// Joint positions, within the limits, to which the joints move straight from `start` so that the tip ends at
+    /// `X_BD` (base frame at the start): damped least squares with step control, with the generalized Jacobian. The
+    /// search descends from `guess`; if that does not reach the goal, it restarts from up to 60 pseudo-random
+    /// positions, the same in every call.
     ///
     /// # Errors
-    /// [`IkError::NotFound`] when no start leads within 1e-6 m and rad.
+    /// [`IkError::NotFound`] if no start leads within 1e-6 m and rad.
     pub fn solve(
         &mut self,
         start: &DVector<f64>,
@@ -161,7 +163,7 @@ impl TipSearch for Search<'_> {
             controls_attitude,
             ..
         } = &*self.kinematics;
-        // The workspace is at q: the tip there gives the axes.
+        // The workspace is at q: the tip's pose there gives the axes.
         let R_0B = X_0E.rotation * workspace.X_BF(tip).rotation.inverse();
         let error = PoseError::between(&X_0E, self.X_BD);
         let turn = rotation_vector(&X_0E, self.X_BD);
@@ -176,8 +178,8 @@ impl TipSearch for Search<'_> {
         left.0 <= TOLERANCE && (!self.kinematics.controls_attitude || left.1 <= TOLERANCE)
     }
 
-    /// Within the ranges of the joints. Those at an end of theirs that would leave it do not take part; they are found in two
-    /// rounds.
+    /// A step within the ranges of the joints. Joints at the end of their range that would leave it take no part; they
+    /// are found in two rounds.
     fn step(
         &mut self,
         q: &DVector<f64>,
@@ -224,7 +226,7 @@ impl TipSearch for Search<'_> {
     }
 }
 
-/// Positions that the search uses, for a joint that starts at `q`.
+/// Range of positions that the search uses, for a joint that starts at `q`.
 fn range(joint: &Joint, q: f64) -> [f64; 2] {
     let limits = &joint.limits;
     let margin = MARGIN.min(0.1 * (limits.upper - limits.lower));
@@ -240,7 +242,7 @@ fn range(joint: &Joint, q: f64) -> [f64; 2] {
     }
 }
 
-/// The goal as seen from the system's centre of mass in axes that do not turn: it does not move while the arm does.
+/// The goal relative to the system's centre of mass in non-rotating axes: it stays fixed while the arm moves.
 pub(super) fn goal_at_rest(workspace: &Workspace, R_IB: &UnitQuaternion<f64>, X_BD: &Pose) -> Pose {
     let p = Point3::from(X_BD.translation.vector - workspace.p_BC());
     let R = R_IB.to_rotation_matrix();
@@ -253,8 +255,8 @@ mod tests {
     use crate::control::fixtures::servicer;
     use crate::dynamics::{Floating, IntegrationMethod, State};
 
-    /// Against the dynamics: a robot at rest whose joints are driven along the line. Would break if the base turned the other
-    /// way, or if its centre of mass did not stay.
+    /// Compares with the dynamics: a robot at rest whose joints are driven along the line. Fails if the base turns the
+    /// other way, or if its centre of mass moves.
     #[test]
     fn the_tip_ends_where_the_dynamics_put_it() {
         let (model, tip) = servicer();
@@ -270,7 +272,7 @@ mod tests {
             workspace
         });
         let mut robot = Floating::new(model.clone(), state, IntegrationMethod::Dop8);
-        // Constant rates by computed accelerations would hide the map: hold them by stepping states instead.
+        // Constant rates by computed accelerations would hide the map: step states with held rates instead.
         for _ in 0..1000 {
             robot.step(1e-3, 1);
             let mut state = robot.state().clone();
@@ -286,7 +288,7 @@ mod tests {
             error.position.norm() < 2e-3 && error.angle < 2e-3,
             "{error:?}"
         );
-        // On a fixed base it ends somewhere else.
+        // On a fixed base the tip ends elsewhere.
         let mut workspace = Workspace::new(&model);
         workspace.set_positions(&end);
         let fixed = PoseError::between(&workspace.X_BF(&tip), &predicted);

@@ -16,7 +16,7 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// Refuses gains that break the proof of stability.
+    /// Refuses gains that violate the conditions of the proof of stability.
     ///
     /// # Errors
     /// [`ConfigError`] when a gain has the wrong sign, is not finite, or when `k_v` does not have one value per joint.
@@ -57,7 +57,7 @@ pub enum ConfigError {
         /// Its value.
         value: f64,
     },
-    /// Gains are to be computed for a robot that has no joints that move its tip.
+    /// Gains are to be computed for a robot without joints that move its tip.
     #[error("no gains can be computed: no joint moves the tip")]
     NoAutoGains,
     /// [`LawConfig::Custom`](super::LawConfig::Custom) for a controller that has no user-defined law.

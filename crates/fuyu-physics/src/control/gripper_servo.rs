@@ -3,9 +3,9 @@
 /// Settings of a [`GripperServo`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GripperServoConfig {
-    /// Inertia that the joint moves, with the joints that follow it \[kg or kg m²\].
+    /// Inertia that the joint moves, including coupled joints \[kg or kg m²\].
     pub inertia: f64,
-    /// Viscous damping of the joint, with those that follow it \[N s/m or N m s/rad\].
+    /// Viscous damping of the joint, including coupled joints \[N s/m or N m s/rad\].
     pub damping: f64,
     /// Natural frequency of the rate loop \[rad/s\].
     pub bandwidth: f64,
@@ -20,11 +20,11 @@ pub struct GripperServoConfig {
 /// Goal of a gripper.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GripperGoal {
-    /// Where its joint moves \[m or rad\].
+    /// Position of the gripper's joint \[m or rad\].
     pub position: f64,
-    /// Largest effort \[N or N m\], below the servo's own.
+    /// Largest effort \[N or N m\], in addition to the servo's own limit.
     pub max_effort: f64,
-    /// Largest rate \[m/s or rad/s\], below the servo's own.
+    /// Largest rate \[m/s or rad/s\], in addition to the servo's own limit.
     pub max_rate: f64,
 }
 
@@ -39,30 +39,31 @@ impl GripperGoal {
     }
 }
 
-/// A cascade of a proportional servo of position and a proportional-integral servo of rate:
+/// A cascade of a proportional position servo and a proportional-integral rate servo:
 ///
 /// ```text
 /// r = clamp(ω/4 (q_goal - q), ± r_max)
 /// f = clamp(d r + 2 m ω (r - q̇) + m ω² ∫(r - q̇) dt, ± f_max)
 /// ```
 ///
-/// A gripper that closes on something presses with the largest effort after a while, however near behind the surface the
-/// goal is: the integral grows until the effort is cut, and no further. Once the joint has been blocked for 0.2 s the integral
-/// grows at least so fast that it reaches the largest effort in 3 s: a gripper may close slowly and press hard. Friction of the joint changes neither that effort nor where
-/// a free gripper stops. The servo is sampled, and stable up to a period of `1/ω`.
+/// A gripper that closes on an object presses with the largest effort after a while, even if the goal is only slightly
+/// behind the surface: the integral grows until the effort is limited. Once the joint has been blocked for 0.2 s, the
+/// integral grows at least fast enough to reach the largest effort in 3 s: so a gripper can close slowly and press
+/// hard. Joint friction changes neither that effort nor the final position of a free gripper. The servo is sampled, and
+/// stable up to a period of `1/ω`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GripperServo {
     config: GripperServoConfig,
     goal: GripperGoal,
     /// Integral part of the effort \[N or N m\].
     integral: f64,
-    /// For how long the joint has been much slower than asked for \[s\].
+    /// Time for which the joint has been much slower than commanded \[s\].
     blocked: f64,
 }
 
-/// Share of the wanted rate below which the joint is blocked.
+/// Fraction of the commanded rate below which the joint counts as blocked.
 const BLOCKED_SHARE: f64 = 0.1;
-/// For how long it must be blocked until the servo presses \[s\].
+/// Time for which the joint must be blocked before the servo presses \[s\].
 const BLOCKED_TIME: f64 = 0.2;
 /// Time in which the servo then reaches its largest effort \[s\].
 const PRESSING_TIME: f64 = 3.0;
@@ -80,7 +81,7 @@ impl GripperServo {
         servo
     }
 
-    /// Its settings.
+    /// The servo's settings.
     pub fn config(&self) -> &GripperServoConfig {
         &self.config
     }
@@ -90,12 +91,12 @@ impl GripperServo {
         &self.goal
     }
 
-    /// Moves to `goal` from now on, within the limits of position, effort and rate; the joint is at `position`
-    /// \[m or rad\]. A gripper that presses goes on without a gap if the new goal is on the same side.
+    /// Moves to `goal` from now on, within the limits of position, effort and rate; the joint is at `position` \[m or
+    /// rad\]. A gripper that presses keeps its effort if the new goal is on the same side.
     pub fn set_goal(&mut self, goal: GripperGoal, position: f64) {
         let [lowest, highest] = self.config.positions;
         self.goal = GripperGoal {
-            // `clamp` panics if a description has them in the wrong order.
+            // `clamp` panics if a description has its limits in the wrong order.
             position: goal.position.max(lowest).min(highest),
             max_effort: goal.max_effort.min(self.config.max_effort),
             max_rate: goal.max_rate.min(self.config.max_rate),
@@ -131,7 +132,7 @@ impl GripperServo {
                 .max(step.abs())
                 .copysign(rate);
         }
-        // The integral must not grow while the effort is cut: it would have to shrink again before the joint can turn back.
+        // The integral must not grow while the effort is limited: it would have to shrink before the joint can reverse.
         let is_cut = (direct + self.integral).abs() >= max_effort;
         if !(is_cut && step * (direct + self.integral) > 0.0) {
             self.integral += step;
@@ -141,14 +142,14 @@ impl GripperServo {
     }
 }
 
-/// How far a gripper is on its way to a goal.
+/// Progress of a gripper towards its goal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GripperProgress {
-    /// It moves.
+    /// The gripper moves.
     Moving,
-    /// It is at the goal.
+    /// The gripper is at the goal.
     Reached,
-    /// It has not moved for some time, away from the goal: it holds something, or is blocked.
+    /// The gripper has not moved for some time, away from the goal: it holds an object, or is blocked.
     Stalled,
 }
 
@@ -159,9 +160,9 @@ pub struct GripperMonitor {
     pub tolerance: f64,
     /// Rate below which the gripper does not move \[m/s or rad/s\].
     pub stall_rate: f64,
-    /// How long it must not move to stall \[s\].
+    /// Time without motion after which the gripper has stalled \[s\].
     pub stall_time: f64,
-    /// When it moved last \[s\].
+    /// Time of the last motion \[s\].
     moved: f64,
 }
 
@@ -233,7 +234,7 @@ mod tests {
         [q, qd, effort]
     }
 
-    // Would break without the integral: damping that is not known would hold back a servo of 80 N s/m.
+    // Fails without the integral: unknown damping holds back a servo of 80 N s/m.
     #[test]
     fn it_arrives_at_the_limited_rate() {
         for (known, damping) in [(0.0, 0.0), (500.0, 500.0), (300.0, 500.0), (500.0, 300.0)] {
@@ -254,7 +255,7 @@ mod tests {
         }
     }
 
-    // Would break if the force depended on how far the goal is behind the surface.
+    // Fails if the force depends on how far the goal is behind the surface.
     #[test]
     fn it_presses_with_the_effort_of_the_goal() {
         for (position, effort) in [(0.1, 30.0), (0.06, 30.0), (0.1, 250.0)] {
@@ -264,7 +265,7 @@ mod tests {
             let expected = f64::min(effort, 100.0);
             assert!((pressed - expected).abs() < 1e-9, "{position}: {pressed}");
             assert!((q - 0.05).abs() < 2e-4 && qd.abs() < 1e-3, "{q} {qd}");
-            // A weaker grip on the same side has no gap; opening does not wait for the integral.
+            // A weaker grip on the same side has no gap; opening does not have to wait for the integral.
             servo.set_goal(goal(position, 20.0), q);
             assert!((servo.effort(q, 0.0, PERIOD) - 20.0).abs() < 1e-9);
             servo.set_goal(goal(0.0, 20.0), q);
@@ -272,7 +273,7 @@ mod tests {
         }
     }
 
-    // Would break without the faster integral of a blocked joint: at 5 mm/s it would grow by 4 N/s, to 12 N.
+    // Fails without the faster integral of a blocked joint: at 5 mm/s it grows by 4 N/s only, to 12 N.
     #[test]
     fn a_slow_gripper_presses_as_hard_as_a_fast_one() {
         for rate in [0.005, 0.05] {

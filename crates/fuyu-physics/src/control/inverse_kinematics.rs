@@ -38,13 +38,13 @@ const DESCENT: DampedDescent = DampedDescent {
     range: (1e-12, 1e8),
 };
 
-/// Joint positions within the limits that bring `tip` to `X_BD` (base frame): damped least squares with
-/// step control (Levenberg-Marquardt) on position and rotation vector. The search descends from `start`; where that
-/// does not reach the goal, it starts again from pseudo-random positions that are the same in every call.
-/// Angles are returned within half a turn of `start` where limits allow.
+/// Joint positions within the limits that bring `tip` to `X_BD` (base frame): damped least squares with step control
+/// (Levenberg-Marquardt) on position and rotation vector. The search descends from `start`; if that does not reach the
+/// goal, it restarts from pseudo-random positions, the same in every call. Angles are returned within half a turn of
+/// `start` where limits allow.
 ///
 /// # Errors
-/// [`IkError::NotFound`] when no start leads within 1e-9 m and rad.
+/// [`IkError::NotFound`] if no start leads within 1e-9 m and rad.
 pub fn inverse_kinematics(
     model: &Model,
     tip: &Frame,
@@ -104,7 +104,7 @@ impl TipSearch for Search<'_> {
         left.0 <= TOLERANCE && left.1 <= TOLERANCE
     }
 
-    /// Within the limits; solved in the smaller of joint space and task space.
+    /// A step within the limits, solved in the smaller one of joint space and task space.
     fn step(
         &mut self,
         q: &DVector<f64>,
@@ -131,8 +131,8 @@ impl TipSearch for Search<'_> {
     }
 }
 
-/// Rotation vector from the tip's attitude to the goal's, in the axes of both poses. Through the quaternion: the matrix
-/// logarithm loses half the digits at small angles.
+/// Rotation vector from the tip's attitude to the goal's, in the axes of both poses, computed from the quaternion: the
+/// matrix logarithm loses half the digits at small angles.
 pub(super) fn rotation_vector(X_BE: &Pose, X_BD: &Pose) -> Vector3<f64> {
     UnitQuaternion::from(X_BD.rotation * X_BE.rotation.inverse()).scaled_axis()
 }

@@ -1,4 +1,4 @@
-//! Joint PD control: the law of a fixed-base robot; on a free-floating robot the tip misses its goal.
+//! Joint PD control: a law for robots with a fixed base; on a free-floating robot the tip misses its goal.
 
 use nalgebra::DVector;
 
@@ -27,8 +27,8 @@ impl JointPdConfig {
     }
 }
 
-/// `τ = K_P (q_D - q) - K_V q̇` with joint positions `q_D` that inverse kinematics finds once, from the first camera
-/// measurement; later ones are not used. Because the base moves meanwhile, the tip ends next to the goal: Masutani 1995
+/// `τ = K_P (q_D - q) - K_V q̇` with joint positions `q_D` from inverse kinematics, computed once from the first camera
+/// measurement; later ones are ignored. Because the base moves meanwhile, the tip ends next to the goal: Masutani 1995
 /// Fig. 5.3(a).
 #[derive(Debug, Clone)]
 pub struct JointPd {

@@ -10,13 +10,13 @@ use super::{Gains, LawConfig, LawError, Manipulator, SaturatedError};
 /// A control law: computes joint efforts from the state of the arm and its goal, without the joint damping `-K_V q̇`, which
 /// the [`Controller`](super::Controller) adds.
 ///
-/// Only [`Law::efforts`] must be written; `Controller` has an example. A law allocates no memory in a step.
+/// Only [`Law::efforts`] is required; `Controller` has an example. A step must allocate no memory.
 pub trait Law: fmt::Debug + Send {
     /// Writes the joint efforts \[N m or N\], one per joint; they are zero when the law is called.
-    /// `manipulator.workspace` holds the joint positions of `input`, and must hold them afterwards.
+    /// `manipulator.workspace` holds the joint positions of `input`, and must still hold them afterwards.
     ///
     /// # Errors
-    /// [`LawError`] when there are no efforts. The joints are only damped then, and the controller returns the error.
+    /// [`LawError`] if there are no efforts. The joints are then only damped, and the controller returns the error.
     fn efforts(
         &mut self,
         input: &LawInput<'_>,
@@ -24,23 +24,24 @@ pub trait Law: fmt::Debug + Send {
         efforts: &mut DVector<f64>,
     ) -> Result<LawStatus, LawError>;
 
-    /// Resets everything but the settings: the next step belongs to another run.
+    /// Resets all state except the settings: the next step belongs to another run.
     fn reset(&mut self) {}
 
-    /// Takes settings that have been checked, and keeps its state. Returns whether they are settings of this law. Only
-    /// built-in laws implement this; a user-defined one keeps its settings itself.
+    /// Takes checked settings, and keeps its state. Returns whether they are settings of this law. Only built-in laws
+    /// implement this; a user-defined law manages its settings itself.
     fn configure(&mut self, config: &LawConfig) -> bool {
         *config == LawConfig::Custom
     }
 
-    /// Fraction of `K_V` that the controller adds while the law acts, 0 to 1; less than one for a law that adds damping itself.
+    /// Fraction of `K_V` that the controller adds while the law acts, 0 to 1; less than one for a law that adds damping
+    /// itself.
     fn joint_damping_fraction(&self) -> f64 {
         1.0
     }
 
-    /// Whether the efforts are at most those derived from the potential of Masutani 1995 chapter 5. The controller then reports a
-    /// tip that does not converge ([`ConvergenceFailure`](super::ConvergenceFailure)) and moves the arm out of singular
-    /// positions.
+    /// Whether the efforts never exceed those derived from the potential of Masutani 1995 chapter 5. The controller
+    /// then reports a tip that does not converge ([`ConvergenceFailure`](super::ConvergenceFailure)) and moves the arm
+    /// out of singular positions.
     fn monitors_convergence(&self) -> bool {
         false
     }
@@ -82,10 +83,10 @@ impl LawInput<'_> {
     }
 }
 
-/// Input of a law.
+/// The measurements on which a law has acted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LawStatus {
-    /// Nothing: a measurement is missing. The efforts are not used; the joints are only damped.
+    /// None: a measurement is missing. The efforts are not used; the joints are only damped.
     Inactive,
     /// The deviation of the tip, [`LawInput::error`].
     TipFeedback,

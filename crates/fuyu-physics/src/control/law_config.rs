@@ -45,12 +45,13 @@ pub enum LawConfig {
     StraightPath(StraightPathConfig),
     /// Computed torque.
     ComputedTorque(ComputedTorqueConfig),
-    /// A user-defined law, given to [`Controller::with_law`](super::Controller::with_law). It keeps its settings itself.
+    /// A user-defined law, passed to [`Controller::with_law`](super::Controller::with_law). It manages its settings
+    /// itself.
     Custom,
 }
 
 impl LawConfig {
-    /// Which built-in law; `None` for a user-defined one.
+    /// Kind of a built-in law; `None` for a user-defined one.
     pub fn kind(&self) -> Option<LawKind> {
         match self {
             Self::TransposeJacobian(_) => Some(LawKind::TransposeJacobian),
@@ -70,8 +71,8 @@ impl LawConfig {
         known.map_or("custom", |(name, _)| name)
     }
 
-    /// Whether the law leaves the damping of the joints to the controller, and so needs [`Gains::k_v`](super::Gains::k_v). The others use
-    /// it only while there is no measurement.
+    /// Whether the controller damps the joints for this law, and so needs [`Gains::k_v`](super::Gains::k_v). Other laws
+    /// use it only while there is no measurement.
     pub fn needs_joint_damping(&self) -> bool {
         !matches!(self, Self::OperationalSpace(_) | Self::ComputedTorque(_))
     }
@@ -108,7 +109,7 @@ impl LawConfig {
 }
 
 impl From<LawKind> for LawConfig {
-    /// The law with default settings. Joint PD control has no default gains: they must be filled in.
+    /// The law with default settings. Joint PD control has no default gains: they must be set.
     fn from(kind: LawKind) -> Self {
         match kind {
             LawKind::TransposeJacobian => TransposeJacobianConfig::default().into(),

@@ -8,12 +8,12 @@ use super::{Gains, JacobianKind};
 use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};
 
-/// Growth of a deviation in a period that is not rounding.
+/// Growth of a deviation in a period that exceeds rounding.
 const GROWS: f64 = 1.0 + 1e-6;
 
-/// The closed loop of transpose-Jacobian control, linear in deviations `δq` from joint positions at which the tip is
-/// at its goal: `Ĥ δq̈ + K_V δq̇ + (k_p J_Lᵀ Ĵ_L + k_o J_Aᵀ Ĵ_A) δq = 0`, Masutani 1995 eq. (6.2), which omits the
-/// attitude. `J` is the Jacobian that the law uses; the tip moves by `Ĵ`, the generalized one.
+/// The closed loop of transpose-Jacobian control, linearised in deviations `δq` from joint positions at which the tip
+/// is at its goal: `Ĥ δq̈ + K_V δq̇ + (k_p J_Lᵀ Ĵ_L + k_o J_Aᵀ Ĵ_A) δq = 0`, Masutani 1995 eq. (6.2), which omits the
+/// attitude. `J` is the Jacobian that the law uses; the tip moves by the generalized Jacobian `Ĵ`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinearisedLoop {
     /// `Ĥ` \[kg m² or kg\].
@@ -25,7 +25,7 @@ pub struct LinearisedLoop {
 }
 
 impl LinearisedLoop {
-    /// The loop at joint positions `q`, with the law's Jacobian. Any tree, planar or not.
+    /// The loop at joint positions `q`, with the law's Jacobian. For any tree, planar or not.
     ///
     /// # Panics
     /// If `q` or `gains.k_v` do not have one element per joint.
@@ -63,8 +63,9 @@ impl LinearisedLoop {
         eigenvalues(system)
     }
 
-    /// Factor by which the fastest growing deviation grows in a sampling period \[s\], when the law's efforts are held for a period: more
-    /// than 1 if the loop is unstable because it is sampled, 1 if the joints can move without the tip. `None` as [`LinearisedLoop::eigenvalues`].
+    /// Growth factor per sampling period \[s\] of the fastest growing deviation, if the law's efforts are held for a
+    /// period: more than 1 if sampling makes the loop unstable, 1 if the joints can move without the tip. `None` as
+    /// [`LinearisedLoop::eigenvalues`].
     ///
     /// Under held efforts `u` the motion is `δq + T δq̇ + ½ T² Ĥ⁻¹ u`, `δq̇ + T Ĥ⁻¹ u`.
     pub fn sampled_growth(&self, period: f64) -> Option<f64> {
@@ -81,8 +82,8 @@ impl LinearisedLoop {
         roots.iter().map(|root| root.norm()).max_by(f64::total_cmp)
     }
 
-    /// The largest part of the stiffness, at most 1, with which no deviation grows in a sampling period \[s\]; 0 if the damping
-    /// alone is too large.
+    /// The largest fraction of the stiffness, at most 1, for which no deviation grows in a sampling period \[s\]; 0 if
+    /// the damping alone is too large.
     pub fn largest_stable_part(&self, period: f64) -> f64 {
         let is_stable = |part: f64| {
             let scaled = Self {
@@ -97,7 +98,7 @@ impl LinearisedLoop {
         largest_below(1.0, is_stable)
     }
 
-    /// Accelerations `δq̈` per state `(δq, δq̇)`.
+    /// Matrix of the accelerations `δq̈` as a function of the state `(δq, δq̇)`.
     fn accelerations(&self) -> Option<DMatrix<f64>> {
         let n = self.damping.len();
         let inverse = self.inertia.clone().cholesky()?.inverse();
@@ -127,8 +128,8 @@ mod tests {
     use super::*;
     use crate::control::Saturation;
 
-    /// One joint, `Ĥ = 1`: Jury's criterion for `z² - (2 - d - k/2) z + (1 - d + k/2)` with `d = D T`, `k = K T²` gives stability
-    /// for `d > k/2` and `d < 2`. Would break if the held effort's half square were missing.
+    /// One joint, `Ĥ = 1`: Jury's criterion for `z² - (2 - d - k/2) z + (1 - d + k/2)` with `d = D T`, `k = K T²` gives
+    /// stability for `d > k/2` and `d < 2`. Fails without the half square of the held effort.
     #[test]
     fn one_sampled_joint_obeys_jury_s_criterion() {
         let period = 0.1;

@@ -8,12 +8,12 @@ use crate::dynamics::Workspace;
 /// `W = U + ½ q̇ᵀ Ĥ q̇` \[J\]: the artificial potential of the deviation and the kinetic energy, Masutani 1995
 /// eq. (5.13), and with saturated errors eq. (5.27).
 ///
-/// Along the motion under transpose-Jacobian control with the generalized Jacobian `dW/dt = -q̇ᵀ K_V q̇`, eq. (5.19),
-/// for any motion of the base, as long as momentum is zero and the goal rests in the world. With the fixed-base Jacobian
-/// it may increase.
+/// Under transpose-Jacobian control with the generalized Jacobian, `dW/dt = -q̇ᵀ K_V q̇` along the motion, eq. (5.19),
+/// for any motion of the base, as long as momentum is zero and the goal is at rest in the world. With the fixed-base
+/// Jacobian `W` may increase.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LyapunovFunction {
-    /// Gains of the law; `k_v` does not enter.
+    /// Gains of the law; `k_v` is not used in `W`.
     pub gains: Gains,
 }
 

@@ -27,7 +27,7 @@ impl Manipulator {
         }
     }
 
-    /// The same with further tips.
+    /// The same robot with further tips.
     pub fn with_more_tips(self, more_tips: Vec<Frame>) -> Self {
         Self { more_tips, ..self }
     }

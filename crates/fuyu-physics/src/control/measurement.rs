@@ -6,7 +6,7 @@ use super::ControlError;
 use crate::model::Model;
 use crate::spatial::Pose;
 
-/// Everything that a controller measures at one instant. The pose of the base is not part of it.
+/// All measurements of a controller at one instant. The pose of the base is not among them.
 #[derive(Debug, Clone, Copy)]
 pub struct Measurement<'a> {
     /// Time of the joint state \[s\], on any clock that runs evenly.
@@ -15,11 +15,11 @@ pub struct Measurement<'a> {
     pub q: &'a DVector<f64>,
     /// Joint rates \[rad/s or m/s\].
     pub qd: &'a DVector<f64>,
-    /// Last camera measurement of the first tip; `None` if there is none, or if it is too old to act on.
+    /// Last camera measurement of the first tip; `None` without one, or if it is too old to act on.
     pub tip: Option<&'a TipMeasurement>,
-    /// The same for the second and further tips of a robot with several arms.
+    /// Last camera measurements of the second and further tips of a robot with several arms.
     pub more_tips: &'a [Option<TipMeasurement>],
-    /// Angular velocity of the base as its gyro measures it, base axes \[rad/s\]. Without it the angular momentum of the
+    /// Angular velocity of the base measured by its gyro, base axes \[rad/s\]. Without it the angular momentum of the
     /// robot is assumed to be zero.
     pub w_IB_B: Option<&'a Vector3<f64>>,
     /// Angular velocity of the goal, if an estimator provides it.
@@ -31,11 +31,11 @@ pub struct Measurement<'a> {
 pub struct GoalRate {
     /// The time \[s\], on the clock of [`Measurement::time`].
     pub time: f64,
-    /// Angular velocity in base axes of that time \[rad/s\].
+    /// Angular velocity in base axes at that time \[rad/s\].
     pub w_ID_B: Vector3<f64>,
 }
 
-/// Tip and goal as a camera on the base measured them at one exposure.
+/// Tip and goal, measured at one exposure of a camera on the base.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TipMeasurement {
     /// Time of the exposure \[s\], on the clock of [`Measurement::time`].
@@ -67,12 +67,12 @@ impl<'a> Measurement<'a> {
         }
     }
 
-    /// The same with the angular velocity that the gyro measures \[rad/s\].
+    /// The same measurement with the angular velocity from the gyro \[rad/s\].
     pub fn with_gyro(self, w_IB_B: Option<&'a Vector3<f64>>) -> Self {
         Self { w_IB_B, ..self }
     }
 
-    /// The same with a camera measurement of the first tip.
+    /// The same measurement with a camera measurement of the first tip.
     pub fn with_tip(self, tip: Option<&'a TipMeasurement>) -> Self {
         Self { tip, ..self }
     }

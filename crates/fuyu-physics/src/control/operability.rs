@@ -11,8 +11,8 @@ use crate::{
 /// The indices at one posture of a planar arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Operability {
-    /// `I₁`, eq. (8.8): largest `|V_E - v_c|` over all commands `v_c` of length one, when they are resolved with the fixed-base
-    /// Jacobian. Infinite where that is singular.
+    /// `I₁`, eq. (8.8): largest `|V_E - v_c|` over all commands `v_c` of length one that are resolved with the
+    /// fixed-base Jacobian. Infinite if that Jacobian is singular.
     pub distortion: f64,
     /// `I₂`, eq. (8.9): largest angle between `V_E` and `v_c` \[rad\], at most π.
     pub misdirection: f64,
@@ -21,8 +21,8 @@ pub struct Operability {
 }
 
 impl Operability {
-    /// From generalized and fixed-base Jacobian of the tip's velocity in the plane, eqs. (8.5), (8.6). Redundant
-    /// joints are resolved with the least norm of their rates.
+    /// The indices from generalized and fixed-base Jacobian of the tip's velocity in the plane, eqs. (8.5), (8.6).
+    /// Redundant joints are resolved with the least norm of their rates.
     pub fn of(generalized: &Matrix2xX<f64>, fixed_base: &Matrix2xX<f64>) -> Self {
         let manipulability = (generalized * generalized.transpose())
             .determinant()
@@ -51,8 +51,8 @@ fn largest_singular_value(A: &Matrix2<f64>) -> f64 {
     turn.norm() + stretch
 }
 
-/// A 2 × 2 matrix maps the unit vector at angle θ to `turn + stretch (cos α, sin α)` in axes along that vector, where α
-/// makes full turns with θ.
+/// Decomposes a 2 × 2 matrix: it maps the unit vector at angle θ to `turn + stretch (cos α, sin α)` in axes along that
+/// vector, where α makes full turns with θ.
 fn turn_and_stretch(A: &Matrix2<f64>) -> (Vector2<f64>, f64) {
     let turn = Vector2::new(A[(0, 0)] + A[(1, 1)], A[(1, 0)] - A[(0, 1)]) / 2.0;
     let stretch = (A[(0, 0)] - A[(1, 1)]).hypot(A[(0, 1)] + A[(1, 0)]) / 2.0;
@@ -84,7 +84,7 @@ pub struct MapPoint {
     pub q: [f64; 2],
     /// The tip in the base frame, its two coordinates in the plane \[m\].
     pub tip: Vector2<f64>,
-    /// Area that the point represents in that plane \[m²\].
+    /// Area that the point represents in the plane \[m²\].
     pub area: f64,
     /// The indices.
     pub operability: Operability,
@@ -98,14 +98,14 @@ pub struct OperabilityMap {
 }
 
 impl OperabilityMap {
-    /// Over `cells` × `cells` postures of a robot with two joints, whose positions range from `from` to `to`. `tip`
-    /// moves in the plane of the base frame's axes `plane` (0, 1, 2 for x, y, z).
+    /// The map over `cells` × `cells` postures of a robot with two joints, whose positions range from `from` to `to`.
+    /// `tip` moves in the plane of the base frame's axes `plane` (0, 1, 2 for x, y, z).
     ///
     /// # Errors
     /// [`MapError`] unless the robot has two joints.
     ///
     /// # Panics
-    /// If `plane` names other axes than 0, 1, 2.
+    /// If `plane` contains other axes than 0, 1, 2.
     pub fn over(
         model: &Model,
         tip: &Frame,
@@ -149,7 +149,7 @@ impl OperabilityMap {
     }
 }
 
-/// Indices at postures of a robot with two joints.
+/// Computes the indices at postures of a robot with two joints.
 #[derive(Debug, Clone)]
 pub struct Mapping<'a> {
     tip: &'a Frame,
@@ -160,7 +160,7 @@ pub struct Mapping<'a> {
 }
 
 impl<'a> Mapping<'a> {
-    /// For `tip`, which moves in the plane of the base frame's axes `plane`.
+    /// A mapping for `tip`, which moves in the plane of the base frame's axes `plane`.
     ///
     /// # Errors
     /// [`MapError`] unless the robot has two joints.
@@ -178,7 +178,7 @@ impl<'a> Mapping<'a> {
         })
     }
 
-    /// The indices at joint positions `q`; the point's area is that per unit of both.
+    /// The indices at joint positions `q`; the point's area is the area per unit of both joints.
     ///
     /// # Panics
     /// If the plane's axes are not among 0, 1, 2.

@@ -18,7 +18,7 @@ pub enum TipTask {
     Pose,
     /// Position only.
     Position,
-    /// Nothing: the arm is free to control the base.
+    /// No control of the tip: the arm is free to control the base.
     Free,
 }
 
@@ -31,13 +31,13 @@ impl TipTask {
     ];
 }
 
-/// Priority of holding the attitude of the base.
+/// Control of the base's attitude, and its priority.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum BaseTask {
     /// The attitude is not controlled.
     #[default]
     Free,
-    /// Joint motion that the tips leave free holds the attitude.
+    /// Redundant joint motion, which the tips leave free, holds the attitude.
     AfterTips,
     /// The attitude is held; tips move in the reaction null space.
     BeforeTips,
@@ -59,8 +59,8 @@ pub struct OperationalSpaceConfig {
     pub frequency: f64,
     /// Damping ratio of these deviations.
     pub damping_ratio: f64,
-    /// Rate at which joint motion decays that no task uses \[1/s\]. Tasks drive such motion by
-    /// centrifugal forces, so it must be larger than the joint rates.
+    /// Rate at which joint motion that no task uses decays \[1/s\]. Tasks drive such motion by centrifugal forces, so
+    /// it must be larger than the joint rates.
     pub null_space_damping: f64,
     /// Largest joint rate \[rad/s or m/s\]: conflicting tasks would otherwise drive self-motion without bounds.
     pub max_joint_rate: f64,
@@ -113,10 +113,10 @@ impl OperationalSpaceConfig {
     }
 }
 
-/// Rate at which a joint may approach its largest rate, and returns to it \[1/s\].
+/// Rate at which a joint approaches its largest rate, and returns to it \[1/s\].
 const RATE_LIMIT_GAIN: f64 = 20.0;
 
-/// Largest deviation of the base's attitude that acts in full \[rad\]: arms rotate a base slowly.
+/// Largest deviation of the base's attitude without saturation \[rad\]: arms rotate a base slowly.
 const MAX_BASE_ERROR: f64 = 0.02;
 
 /// Resolved acceleration in operational space, for one arm or several and for redundant ones.
@@ -128,17 +128,17 @@ const MAX_BASE_ERROR: f64 = 0.02;
 /// ë + 2 ζ ω ė + ω² ē = 0
 /// ```
 ///
-/// (attitude: to first order, `e_o` being the sine of the angle about its axis) the tip is given the acceleration
-/// `A = A_D + 2 ζ ω (V_D - V_E) + ω² ē`, that is `Ĵ Ĥ⁻¹ τ = A - A_0`: resolved acceleration with the generalized Jacobian
+/// (attitude: to first order, `e_o` being the sine of the angle about its axis) the tip is given the acceleration `A =
+/// A_D + 2 ζ ω (V_D - V_E) + ω² ē`, that is `Ĵ Ĥ⁻¹ τ = A - A_0`: resolved acceleration with the generalized Jacobian
 /// (Y. Umetani and K. Yoshida, Resolved motion rate control of space manipulators with generalized Jacobian matrix,
-/// IEEE Trans. Robotics and Automation 5, 1989), by efforts that are the least in the metric of the reduced inertia
-/// ([`TaskPriority`]). The motion is exponentially stable where the rows of all tasks are independent. Unlike the transpose law it
-/// needs correct masses, and near a singularity its efforts are bounded only by the damping.
+/// IEEE Trans. Robotics and Automation 5, 1989), by the least efforts in the metric of the reduced inertia
+/// ([`TaskPriority`]). The motion is exponentially stable where the rows of all tasks are independent. Unlike the
+/// transpose law it needs correct masses, and near a singularity its efforts are bounded only by the damping.
 ///
-/// The base has the angular acceleration `α = α_0 + H_A Ĥ⁻¹ τ` with `H_A` of eq. (4.23), so holding its attitude is a task like
-/// any other. With a higher priority than the tips it leaves them the joint motion that does not rotate the base, the reaction
-/// null space of D. Nenchev, K. Yoshida and M. Uchiyama (CDC 1996). The task takes three joints; any angular momentum of the
-/// robot must then remain in the arm, which never comes to rest.
+/// The base has the angular acceleration `α = α_0 + H_A Ĥ⁻¹ τ` with `H_A` of eq. (4.23), so holding its attitude is a
+/// task like any other. With a higher priority than the tips', it leaves them the joint motion that does not rotate the
+/// base, the reaction null space of D. Nenchev, K. Yoshida and M. Uchiyama (CDC 1996). The task uses three joints; any
+/// angular momentum of the robot must then remain in the arm, which never comes to rest.
 #[derive(Debug, Clone)]
 pub struct OperationalSpace {
     config: OperationalSpaceConfig,
@@ -157,7 +157,7 @@ pub struct OperationalSpace {
     identity: DMatrix<f64>,
     /// Joint rates that no task uses; scratch of the rate limit.
     unused: DVector<f64>,
-    /// Attitude of the base in I that is to be held.
+    /// Attitude of the base in I that is held.
     held_attitude: Option<UnitQuaternion<f64>>,
 }
 
@@ -202,7 +202,7 @@ impl OperationalSpace {
         self.rate_priority.begin(&self.identity);
     }
 
-    /// Adds the task of a tip: to follow its goal, or to come to rest without one.
+    /// Adds the task of a tip: to follow its goal, or to come to rest without a goal.
     fn add_tip_task(
         &mut self,
         workspace: &Workspace,
@@ -256,8 +256,8 @@ impl OperationalSpace {
     }
 
     /// Keeps every joint's rate within the largest one `f`: its acceleration is limited to the range from
-    /// `-RATE_LIMIT_GAIN (f + q̇)` to `RATE_LIMIT_GAIN (f - q̇)`. The tasks after the first are scaled until all joints respect
-    /// that, so that the first one is fulfilled; only the remaining excess is cut joint by joint.
+    /// `-RATE_LIMIT_GAIN (f + q̇)` to `RATE_LIMIT_GAIN (f - q̇)`. The tasks after the first are scaled until all joints
+    /// respect that, so that the first task is fulfilled; only the remaining excess is cut joint by joint.
     fn limit_rates(
         &mut self,
         workspace: &mut Workspace,
@@ -331,8 +331,8 @@ impl Law for OperationalSpace {
             self.add_base_task(&manipulator.model, &manipulator.workspace, input);
         }
         self.priority.accelerations(&mut self.tasks);
-        // Joint motion that no task uses decays. It is found in the metric of joint rates: in that of the inertia light
-        // wrists would do the work of heavy shoulders.
+        // Joint motion that no task uses decays. It is computed in the metric of joint rates: in the metric of the
+        // inertia, light wrists would do the work of heavy shoulders.
         self.unused.copy_from(input.qd);
         self.rate_priority.project_to_null_space(&mut self.unused);
         let inertia = manipulator.workspace.reduced_inertia();
@@ -353,7 +353,7 @@ impl Law for OperationalSpace {
             return false;
         };
         if config.base != self.config.base {
-            // The attitude of this moment is held from now on.
+            // Hold the present attitude from now on.
             self.held_attitude = None;
         }
         self.config.clone_from(config);

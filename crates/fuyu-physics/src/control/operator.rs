@@ -1,4 +1,4 @@
-//! Simulated operator who steers the tip to a point, with a camera image from the base.
+//! Simulated operator who steers the tip to a point by a camera image from the base.
 
 use nalgebra::Vector3;
 use std::collections::VecDeque;
@@ -10,8 +10,8 @@ pub struct OperatorConfig {
     pub reaction: f64,
     /// Time from one image to the next \[s\].
     pub image_period: f64,
-    /// Command per distance along each axis of the image \[1/s\]: with a tip that moves as commanded, the crossover
-    /// frequency in rad/s.
+    /// Command per distance along each axis of the image \[1/s\]: the crossover frequency in rad/s if the tip moves as
+    /// commanded.
     pub gain: Vector3<f64>,
     /// Largest command along each axis, at full deflection of the joystick \[m/s\].
     pub full_speed: f64,
@@ -30,7 +30,7 @@ impl Default for OperatorConfig {
     }
 }
 
-/// Most images for which memory is reserved; with a period of zero every command has one.
+/// Largest number of images for which memory is reserved; with a period of zero every command has an image.
 const MOST_EXPECTED: f64 = 1e4;
 
 /// An operator after the crossover model of manual control (McRuer): proportional with a delay, `k e^(-τs)`.
@@ -39,10 +39,11 @@ const MOST_EXPECTED: f64 = 1e4;
 pub struct Operator {
     /// Parameters.
     pub config: OperatorConfig,
-    /// Images within the reaction time: when they were shown, and the displacement from tip to goal in them.
+    /// Images within the reaction time: the times at which they were shown, and the displacement from tip to goal in
+    /// them.
     images: VecDeque<(f64, Vector3<f64>)>,
     next_image: f64,
-    /// Displacement in the image that the operator reacts to.
+    /// Displacement in the image to which the operator reacts.
     displacement: Vector3<f64>,
 }
 

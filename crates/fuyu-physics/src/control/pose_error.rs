@@ -15,22 +15,22 @@ pub struct PoseError {
     /// `e_o = ½ (X_E×X_D + Y_E×Y_D + Z_E×Z_D)`, Masutani 1995 eq. (5.2): the rotation axis from E to D
     /// times the sine of the angle.
     pub orientation: Vector3<f64>,
-    /// `|E_o|` of Masutani 1995 eq. (5.12): `2√2 sin(θ/2)`, zero only at the goal, largest (2√2) half
-    /// a turn away, where `e_o` vanishes too.
+    /// `|E_o|` of Masutani 1995 eq. (5.12): `2√2 sin(θ/2)`, zero only at the goal, largest (2√2) half a turn away,
+    /// where `e_o` also vanishes.
     pub axes_norm: f64,
     /// Angle from E to D \[rad\], in [0, π].
     pub angle: f64,
-    /// Within [`HALF_TURN_CAP`] of half a turn, the unit vector along the axis of the rotation from E to D, which
-    /// `e_o` no longer determines there. Zero elsewhere.
+    /// Within [`HALF_TURN_CAP`] of half a turn, the unit vector along the axis of the rotation from E to D, which `e_o`
+    /// does not determine there. Zero elsewhere.
     pub half_turn_axis: Vector3<f64>,
 }
 
 /// Angle from half a turn within which the orientation error no longer decreases \[rad\].
 ///
-/// Half a turn from the goal `e_o` vanishes, eq. (5.5), and the law of the thesis rests there although the goal is
-/// not reached. Within this angle the orientation error is therefore constant, about the axis of the rotation:
-/// the potential becomes a cone with a ridge at half a turn, from which it decreases to both sides. Continuity and the
-/// proof of stability remain, and the tip leaves the ridge; on it both directions of rotation are equally good.
+/// Half a turn from the goal `e_o` vanishes, eq. (5.5), and the law of the thesis rests there without having reached
+/// the goal. Within this angle the orientation error is therefore constant, about the axis of the rotation: the potential
+/// becomes a cone with a ridge at half a turn, from which it decreases to both sides. It remains continuous, the proof of
+/// stability remains valid, and the tip leaves the ridge; on the ridge both directions of rotation are equally good.
 pub const HALF_TURN_CAP: f64 = 0.05;
 
 impl PoseError {
@@ -61,7 +61,7 @@ impl PoseError {
         }
     }
 
-    /// Whether distance \[m\] and angle \[rad\] are at most these.
+    /// Whether distance \[m\] and angle \[rad\] do not exceed these values.
     pub(super) fn is_within(&self, (distance, angle): (f64, f64)) -> bool {
         self.position.norm() <= distance && self.angle <= angle
     }
@@ -81,7 +81,7 @@ fn edge() -> f64 {
     2.0 * (0.5 * HALF_TURN_CAP).cos()
 }
 
-/// Largest deviations that act in full: the potential is parabolic within and conical beyond.
+/// Largest deviations without saturation: the potential is parabolic within these bounds and conical beyond.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Saturation {
     /// `e_pmax` \[m\].
@@ -123,7 +123,7 @@ impl Saturation {
         }
     }
 
-    /// Saturated position error, Masutani 1995 eq. (5.25), and whether it was cut.
+    /// Saturated position error, Masutani 1995 eq. (5.25), and whether it was saturated.
     pub fn position_error(&self, error: &PoseError) -> (Vector3<f64>, bool) {
         let norm = error.position.norm();
         if norm > self.position {
@@ -133,8 +133,8 @@ impl Saturation {
         }
     }
 
-    /// Saturated orientation error, Masutani 1995 eq. (5.26), and whether it was cut. Near half a turn it is
-    /// that of [`HALF_TURN_CAP`].
+    /// Saturated orientation error, Masutani 1995 eq. (5.26), and whether it was saturated. Near half a turn it is
+    /// constant, see [`HALF_TURN_CAP`].
     pub fn orientation_error(&self, error: &PoseError) -> (Vector3<f64>, bool) {
         let (e_o, scaled) = if error.angle > PI - HALF_TURN_CAP {
             (error.half_turn_axis * HALF_TURN_CAP.sin(), edge())
@@ -148,8 +148,8 @@ impl Saturation {
         }
     }
 
-    /// Artificial potential `U` \[J\] of Masutani 1995 eqs. (5.22)-(5.24) for gains `k_p`, `k_o`, with the
-    /// slope of its edge within [`HALF_TURN_CAP`] of half a turn.
+    /// Artificial potential `U` \[J\] of Masutani 1995 eqs. (5.22)-(5.24) for gains `k_p`, `k_o`, with constant slope
+    /// within [`HALF_TURN_CAP`] of half a turn.
     pub fn potential(&self, error: &PoseError, k_p: f64, k_o: f64) -> f64 {
         let composite = |x: f64, max: f64| {
             if x <= max {
@@ -171,7 +171,7 @@ impl Saturation {
     }
 }
 
-/// Deviation of the tip as a law acts on it; base axes.
+/// Deviation of the tip after saturation, on which a law acts; base axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SaturatedError {
     /// The deviation before saturation.
@@ -180,9 +180,9 @@ pub struct SaturatedError {
     pub position: Vector3<f64>,
     /// `ē_o`, Masutani 1995 eq. (5.26), constant within [`HALF_TURN_CAP`] of half a turn.
     pub orientation: Vector3<f64>,
-    /// Whether the position error was cut.
+    /// Whether the position error was saturated.
     pub position_saturated: bool,
-    /// Whether the orientation error was cut.
+    /// Whether the orientation error was saturated.
     pub orientation_saturated: bool,
 }
 
@@ -219,7 +219,7 @@ mod tests {
         Pose::from_parts(d.translation, Rotation3::new(axis * angle) * d.rotation)
     }
 
-    /// Eq. (5.5): half a turn from the goal the orientation error of the thesis is zero. Without the cap this fails.
+    /// Eq. (5.5): half a turn from the goal the orientation error of the thesis is zero. Fails without the cap.
     #[test]
     fn orientation_error_does_not_vanish_half_a_turn_from_the_goal() {
         let d = pose([0.3, 0.1, -0.2], [0.2, 0.5, -0.4]);
@@ -244,7 +244,7 @@ mod tests {
 
     #[test]
     fn saturated_errors_are_the_gradient_of_the_potential() {
-        // Moving the tip by δ changes U by -k ē·δ; a wrong factor √2 in (5.24) or (5.26) breaks this.
+        // A displacement δ of the tip changes U by -k ē·δ. Fails with a wrong factor √2 in (5.24) or (5.26).
         let (k_p, k_o) = (75.0, 100.0);
         let d = pose([0.3, 0.1, -0.2], [0.2, 0.5, -0.4]);
         for (saturation, tip) in [

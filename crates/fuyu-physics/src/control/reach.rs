@@ -9,23 +9,23 @@ use crate::dynamics::{State, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::{Pose, exp_so3};
 
-/// Where the tip's frame is to be, in the world.
+/// Goal of the tip's frame, in the world.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReachGoal {
-    /// Position of its origin \[m\].
+    /// Position of the frame's origin \[m\].
     pub position: Vector3<f64>,
-    /// Attitude; any if there is none.
+    /// Attitude; any if `None`.
     pub attitude: Option<UnitQuaternion<f64>>,
 }
 
 /// A motion that reaches the goal.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reached {
-    /// Joint positions along the motion, from the start to the end: straight lines in joint space lead from each to the next.
+    /// Joint positions along the motion, from the start to the end, connected by straight lines in joint space.
     pub path: Vec<DVector<f64>>,
     /// Pose of the base frame at the end of the motion, in the world.
     pub X_WB: Pose,
-    /// Pose of the tip there.
+    /// Pose of the tip at the end of the motion, in the world.
     pub X_WE: Pose,
 }
 
@@ -42,14 +42,14 @@ pub enum ReachError {
     /// No joint moves the tip.
     #[error("no joint moves the tip")]
     FixedTip,
-    /// No posture and no pose of the base brings the tip so far from the centre of mass, which does not move.
+    /// The goal is farther from the centre of mass, which does not move, than the tip can be in any posture.
     #[error(
         "the goal is {distance:.4} m from the centre of mass, which cannot move; the tip gets at most {reach:.4} m away from it"
     )]
     TooFar {
         /// Distance of the goal from the centre of mass \[m\].
         distance: f64,
-        /// Upper bound of that of the tip \[m\].
+        /// Upper bound of the tip's distance from the centre of mass \[m\].
         reach: f64,
     },
     /// The search found no motion.
@@ -59,7 +59,7 @@ pub enum ReachError {
     NotFound {
         /// Remaining position error \[m\].
         position: f64,
-        /// Remaining attitude error \[rad\]; zero if any attitude will do.
+        /// Remaining attitude error \[rad\]; zero if the attitude is free.
         angle: f64,
     },
 }
@@ -68,7 +68,7 @@ pub enum ReachError {
 const TOLERANCE: f64 = 1e-9;
 /// Largest change of a joint in one step \[rad or m\], for which the base's rotation is integrated to some 1e-8 rad.
 const LONGEST_STEP: f64 = 0.05;
-/// Number of other postures from which the search starts again.
+/// Number of other postures from which the search restarts.
 const DETOURS: usize = 30;
 /// Largest change of a joint on the way to such a posture \[rad or m\].
 const DETOUR: f64 = 2.0;
@@ -78,15 +78,15 @@ const DESCENT: DampedDescent = DampedDescent {
     range: (1e-12, 1e8),
 };
 
-/// A joint motion from `start` that brings `tip` to `goal`, with the robot floating freely at zero momentum: the base
-/// turns with the joints as momentum conservation demands, and the centre of mass stays where it is in `start`. Momentum and
-/// rates of `start` are ignored.
+/// A joint motion from `start` that brings `tip` to `goal`, for a free-floating robot at zero momentum: the base turns
+/// with the joints by momentum conservation, and the centre of mass stays where it is in `start`. Momentum and rates of
+/// `start` are ignored.
 ///
-/// This motion is not holonomic: the attitude of the base at the end depends on the whole path, not only on the joint
-/// positions there. The search therefore follows motions. It descends along the generalized Jacobian (damped least squares on
-/// position and rotation vector) within the joints' limits. If that gets stuck, the robot first moves to a pseudo-random
+/// The system is nonholonomic: the final attitude of the base depends on the whole path, not only on the final joint
+/// positions. The search therefore follows motions. It descends along the generalized Jacobian (damped least squares on
+/// position and rotation vector) within the joints' limits. If it gets stuck, the robot first moves to a pseudo-random
 /// posture (the same in every call), which also turns the base, and descends from there. A goal that is not found may still
-/// be reachable; one that is [`ReachError::TooFar`] is not.
+/// be reachable; a goal that is [`ReachError::TooFar`] is not.
 ///
 /// # Errors
 /// [`ReachError`].
@@ -192,14 +192,15 @@ impl<'a> Search<'a> {
         [X_WB, X_WB * self.workspace.X_BF(self.tip)]
     }
 
-    /// Angular velocity of the base per unit of time while the joints move with `rates`, base axes.
+    /// Angular velocity of the base for joint rates `rates`, base axes.
     fn base_rate(&mut self, q: &DVector<f64>, rates: &DVector<f64>) -> Vector3<f64> {
         self.workspace.set_positions(q);
         self.workspace.base_map(&mut self.columns);
         self.columns.fixed_rows::<3>(3) * rates
     }
 
-    /// Moves the joints by `change`, and the base with them: Magnus's method of fourth order, with rates at the Gauss points.
+    /// Moves the joints by `change`, and the base with them: Magnus's method of fourth order, with rates at the Gauss
+    /// points.
     fn advance(&mut self, motion: &mut Motion, change: &DVector<f64>) {
         let at = |s: f64| motion.q() + change * (0.5 + s * 3.0_f64.sqrt() / 6.0);
         let (first, second) = (at(-1.0), at(1.0));
@@ -213,7 +214,7 @@ impl<'a> Search<'a> {
         motion.path.push(q);
     }
 
-    /// Moves straight to a posture.
+    /// Moves the joints straight to a posture.
     fn travel(&mut self, motion: &mut Motion, posture: &DVector<f64>) {
         let change = posture - motion.q();
         let steps = (change.amax() / LONGEST_STEP).ceil().max(1.0);
@@ -223,8 +224,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Change of the joints in a damped least-squares step within the limits: joints that it would move beyond theirs stop
-    /// there, and the others take over.
+    /// Change of the joints in a damped least-squares step within the limits: joints that it would move beyond their
+    /// limits stop there, and the others compensate.
     fn change(
         &mut self,
         q: &DVector<f64>,
@@ -311,8 +312,8 @@ mod tests {
         state
     }
 
-    /// Where tip and base are after the joints moved along a path: small steps of the midpoint rule on the base twist at zero
-    /// momentum, which is not how the search integrates.
+    /// Pose of tip and base after the joints have moved along a path: small steps of the midpoint rule on the base
+    /// twist at zero momentum, unlike the integration of the search.
     fn integrated(model: &Model, tip: &Frame, start: &State, path: &[DVector<f64>]) -> [Pose; 2] {
         const PIECES: usize = 200;
         let mut workspace = Workspace::new(model);
@@ -380,7 +381,8 @@ mod tests {
         assert!((end.translation.vector - goal.position).norm() < 1e-6);
     }
 
-    /// A boom on a base: its tip moves on a circle about the centre of mass, of 0.5 + 1 m less what the base recoils.
+    /// A boom on a base: its tip moves on a circle about the centre of mass, with a radius of 0.5 + 1 m minus the
+    /// recoil of the base.
     #[test]
     fn a_single_joint_reaches_a_circle_only() {
         let turning = |mass: f64, inertia: f64| RigidInertia {

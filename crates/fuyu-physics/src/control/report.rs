@@ -5,7 +5,7 @@ use super::{ConvergenceFailure, IkError, PoseError};
 /// Report of a controller on one step, in addition to its efforts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ControlReport {
-    /// Deviation of the first tip that the law acted on; `None` without a camera measurement.
+    /// Deviation of the first tip on which the law acted; `None` without a camera measurement.
     pub error: Option<PoseError>,
     /// Deviation of the second tip of a robot with several arms; `None` without a camera measurement of it.
     pub second_error: Option<PoseError>,

@@ -4,13 +4,14 @@ use nalgebra::{DMatrix, DVector, linalg::Cholesky};
 
 use crate::dynamics::Workspace;
 
-/// How fast the joint damping `-K_V q̇` of a control law slows the joints down, in the posture where it does so fastest
-/// along some direction: the largest eigenvalue of `Ĥ⁻¹ K_V`, with the reduced inertia `Ĥ`.
+/// Rate at which the joint damping `-K_V q̇` of a control law slows the joints down, in the fastest direction: the
+/// largest eigenvalue of `Ĥ⁻¹ K_V`, with the reduced inertia `Ĥ`.
 ///
-/// A control loop is sampled: the effort of one state is held for a period `T`. Along the eigenvector of `λ` a rate `v`
-/// becomes `v - λ T v` in a period, which grows from one period to the next if `λ T > 2`. If the effort acts a
-/// fraction `δ` of a period after its state, `z² - (1 - (1 - δ) λ T) z + δ λ T = 0` must have no root beyond the unit circle:
-/// `λ T < 1` suffices for any delay up to a period, and is needed for a whole one. The integration step does not matter.
+/// A control loop is sampled: the effort for one state is held for a period `T`. Along the eigenvector of `λ` a rate
+/// `v` becomes `v - λ T v` in a period, which grows from one period to the next if `λ T > 2`. If the effort acts a
+/// fraction `δ` of a period after its state, `z² - (1 - (1 - δ) λ T) z + δ λ T = 0` must have no root outside the unit
+/// circle: `λ T < 1` is sufficient for any delay up to a period, and necessary for a whole period. The integration step
+/// does not matter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SampledDamping {
     /// `L` with `Ĥ = L Lᵀ`.
@@ -18,19 +19,19 @@ pub struct SampledDamping {
     k_v: Vec<f64>,
     /// `λ` \[1/s\].
     pub rate: f64,
-    /// The joint that has the largest part in the motion: its damping takes most of the power.
+    /// The joint with the largest part in this motion: its damping takes most of the power.
     pub joint: usize,
 }
 
 impl SampledDamping {
-    /// Periods \[1/λ\] from which the loop is unstable if efforts act at once.
+    /// Period, in units of 1/λ, above which the loop is unstable if efforts act at once.
     pub const UNSTABLE: f64 = 2.0;
-    /// Periods \[1/λ\] from which the loop is unstable if efforts act a period late.
+    /// Period, in units of 1/λ, above which the loop is unstable if efforts act a period late.
     pub const UNSTABLE_IF_LATE: f64 = 1.0;
 
-    /// Periods \[1/λ\] from which the loop is unstable if efforts act `periods` whole periods late: `2 sin(π / (4 m + 2))`,
-    /// where a root of `z^(m+1) - z^m + λ T = 0` leaves the unit circle (Levin and May, A note on difference-delay equations,
-    /// Theoretical Population Biology 9 (1976) 178).
+    /// Period, in units of 1/λ, above which the loop is unstable if efforts act `periods` whole periods late: `2 sin(π
+    /// / (4 m + 2))`, where a root of `z^(m+1) - z^m + λ T = 0` leaves the unit circle (Levin and May, A note on
+    /// difference-delay equations, Theoretical Population Biology 9 (1976) 178).
     pub fn limit_if_late(periods: u32) -> f64 {
         2.0 * (std::f64::consts::PI / (4.0 * f64::from(periods) + 2.0)).sin()
     }
@@ -52,8 +53,8 @@ impl SampledDamping {
         })
     }
 
-    /// The largest gain of [`Self::joint`] with which `λ` is at most `rate` \[1/s\] while the other gains stay. `None`
-    /// if these are too large already.
+    /// The largest gain of [`Self::joint`] for which `λ` is at most `rate` \[1/s\] with the other gains unchanged.
+    /// `None` if these are too large already.
     pub fn largest_gain(&self, rate: f64) -> Option<f64> {
         let with = |gain: f64| {
             let mut k_v = self.k_v.clone();
@@ -69,7 +70,8 @@ impl SampledDamping {
     }
 }
 
-/// The largest value from 0 to `high` for which `holds`, if it holds for all below and fails at `high`; by bisection.
+/// The largest value from 0 to `high` for which `holds` is true, by bisection; it must be true for all smaller values
+/// and false at `high`.
 pub(super) fn largest_below(mut high: f64, holds: impl Fn(f64) -> bool) -> f64 {
     let mut low = 0.0;
     for _ in 0..40 {
@@ -113,7 +115,7 @@ mod tests {
         workspace
     }
 
-    /// Growth of the joint rates over 200 periods under sampled damping alone, velocities of one posture.
+    /// Growth of the joint rates over 200 periods under sampled damping alone, in one posture.
     fn growth(workspace: &mut Workspace, k_v: &[f64], period: f64, late: bool) -> f64 {
         let inverse = workspace.reduced_inertia().clone().try_inverse().unwrap();
         let gains = DMatrix::from_diagonal(&DVector::from_column_slice(k_v));
@@ -127,7 +129,7 @@ mod tests {
         rates.amax()
     }
 
-    // Would break if the eigenvalue or the limits were wrong: just below a limit rates decay, just above it they grow.
+    // Fails if the eigenvalue or the limits are wrong: just below a limit rates decay, just above it they grow.
     #[test]
     fn rates_grow_beyond_the_limits_only() {
         let mut workspace = servicer();
@@ -142,7 +144,7 @@ mod tests {
         }
     }
 
-    // Would break if the limit of long delays were wrong: the recursion itself decays just below it and grows just above it.
+    // Fails if the limit of long delays is wrong: the recursion itself decays just below it and grows just above it.
     #[test]
     fn rates_that_are_damped_many_periods_late_grow_beyond_the_limit_only() {
         assert!((SampledDamping::limit_if_late(0) - SampledDamping::UNSTABLE).abs() < 1e-15);

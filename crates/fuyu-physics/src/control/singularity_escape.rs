@@ -7,13 +7,13 @@ use nalgebra::DVector;
 use super::gains::{ConfigError, check_not_negative, check_positive};
 use super::{Gains, LyapunovFunction, PoseError};
 
-/// When and how the arm leaves a singular position in which it has come to rest.
+/// Conditions and size of the motion by which the arm leaves a singular position in which it has come to rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SingularityEscapeConfig {
     /// Amplitude of the escape motion: the joint rate that its efforts would hold against `K_V` \[rad/s or m/s\]; zero
     /// disables it.
     pub rate: f64,
-    /// How long the arm must have rested before \[s\].
+    /// Time for which the arm must have rested before \[s\].
     pub delay: f64,
 }
 
@@ -66,7 +66,7 @@ pub enum ConvergenceFailure {
         "the deviation has not decreased for {seconds:.0} s: {position:.3} m and {angle:.3} rad remain"
     )]
     NoProgress {
-        /// For how long \[s\].
+        /// Time without a decrease \[s\].
         seconds: f64,
         /// Distance from the goal \[m\].
         position: f64,
@@ -81,19 +81,19 @@ const ARRIVED: (f64, f64) = (0.02, 0.035);
 const ESCAPE_DURATION: f64 = 2.0;
 /// Number of escape motions after which the arm is left at rest.
 const MAX_ESCAPES: u32 = 3;
-/// Efforts that would need longer than this to decrease the potential are treated as zero \[s\].
+/// Efforts that would take longer than this to decrease the potential are treated as zero \[s\].
 const SLOWEST_DECREASE: f64 = 300.0;
 /// Time without progress after which it is reported \[s\].
 const PROGRESS_TIMEOUT: f64 = 20.0;
-/// A goal this far outside the workspace may still be within the camera's error \[m\].
+/// Distance outside the workspace that may still be due to the camera's error \[m\].
 const WORKSPACE_TOLERANCE: f64 = 0.01;
 
 /// Checks whether the deviation decreases, and starts an escape motion where the arm rests in a singular position.
 ///
-/// The thesis leaves such a position by "an input added for a while" (section 5.3). Here that is half a sine of joint
-/// efforts, at most `k_v · rate`, with other signs in every escape motion. It adds no more than
-/// `ESCAPE_DURATION rate² Σ k_v / 8` to the Lyapunov function, and at most [`MAX_ESCAPES`] are made until the potential
-/// is lower than before: the arm comes to rest again.
+/// The thesis leaves such a position by "an input added for a while" (section 5.3). Here the input is half a sine of
+/// joint efforts, at most `k_v · rate`, with other signs in every escape motion. It adds at most `ESCAPE_DURATION rate²
+/// Σ k_v / 8` to the Lyapunov function, and there are at most [`MAX_ESCAPES`] motions until the potential is lower than
+/// before: the arm comes to rest again.
 #[derive(Debug, Clone)]
 pub(super) struct ConvergenceMonitor {
     pub config: SingularityEscapeConfig,
@@ -133,7 +133,7 @@ impl ConvergenceMonitor {
         }
     }
 
-    /// Starts again: when the gains or the goal change, or the camera measurement is missing.
+    /// Restarts the monitor: when the gains or the goal change, or the camera measurement is missing.
     pub fn reset(&mut self) {
         *self = Self::new(self.config);
     }

@@ -11,13 +11,14 @@ use super::{
     JacobianKind, Law, LawConfig, LawError, LawInput, LawStatus, Manipulator, SaturatedError,
 };
 
-/// How the path is kept straight.
+/// Method by which the path is kept straight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shaping {
     /// The force on the tip is rotated away from the tip's velocity, Masutani 1995 eqs. (7.2), (7.8)-(7.12). Straight, but
     /// slow where the arm hardly moves along the rotated force.
     Rotation,
-    /// The tip is damped across the line and along it, and the joints hardly: straight, and equally fast in all postures.
+    /// The tip is damped across the line and along it, and the joints hardly: straight, and equally fast in all
+    /// postures.
     Damping,
 }
 
@@ -32,7 +33,7 @@ impl Shaping {
 pub struct StraightPathConfig {
     /// Which Jacobian turns the wrench on the tip into joint efforts.
     pub jacobian: JacobianKind,
-    /// How the path is kept straight.
+    /// Method by which the path is kept straight.
     pub shaping: Shaping,
     /// Gain of the rotation, eq. (7.11).
     pub k_r: f64,
@@ -50,8 +51,8 @@ pub struct StraightPathConfig {
     pub period: f64,
 }
 
-/// Damping removes at most this fraction of a tip's velocity in one period. From 2 on it is unstable, and from 2/3 on if
-/// efforts are a period late.
+/// Largest fraction of a tip's velocity that damping removes in one period. From 2 on it is unstable, and from 2/3 on
+/// if efforts are a period late.
 const MAX_REMOVED: f64 = 0.5;
 
 impl Default for StraightPathConfig {
@@ -72,7 +73,7 @@ impl Default for StraightPathConfig {
 }
 
 impl StraightPathConfig {
-    /// Refuses settings that break the proof of stability.
+    /// Refuses settings that violate the conditions of the proof of stability.
     ///
     /// # Errors
     /// [`ConfigError`] names the setting.
@@ -88,8 +89,8 @@ impl StraightPathConfig {
         check_not_negative("1 - straight_path.joint_damping_fraction", 1.0 - fraction)
     }
 
-    /// The virtual inertia that the tip is given under gains with `k_o`: with it the damping stays stable at the sampling
-    /// period [`period`](Self::period) in every posture.
+    /// The virtual inertia of the tip under gains with `k_o`: it keeps the damping stable at the sampling period
+    /// [`period`](Self::period) in every posture.
     pub fn virtual_tip_inertia(&self, k_o: f64) -> VirtualTipInertia {
         let period = self.period / MAX_REMOVED;
         let rotates = self.shaping == Shaping::Damping && k_o > 0.0;
@@ -104,27 +105,27 @@ impl StraightPathConfig {
 /// that of a robot without momentum. The torque on the tip is that of
 /// [`TransposeJacobian`](super::TransposeJacobian), or zero (`k_o = 0`) as in chapter 7 of the thesis.
 ///
-/// [`Shaping::Rotation`] is `τ = k_p Ĵ_Lᵀ P ē_p + k_o Ĵ_Aᵀ ē_o - K_V q̇`, eq. (7.2), with the rotation `P` about
-/// `V_E × e_p`. It keeps the Lyapunov function of chapter 5, since `V_E · (P - I) ē_p ≤ 0`, eq. (7.3): the rotated
-/// force gives the moving tip no more power than the straight one, for a rotation of up to `2π - 2φ`. Where `V_E` or `e_p`
-/// is zero the rotation is not defined, and `P = I`.
+/// [`Shaping::Rotation`] is `τ = k_p Ĵ_Lᵀ P ē_p + k_o Ĵ_Aᵀ ē_o - K_V q̇`, eq. (7.2), with the rotation `P` about `V_E ×
+/// e_p`. It keeps the Lyapunov function of chapter 5, since `V_E · (P - I) ē_p ≤ 0`, eq. (7.3): the rotated force gives
+/// the moving tip no more power than the original one, for a rotation of up to `2π - 2φ`. If `V_E` or `e_p` is zero the
+/// rotation is undefined, and `P = I`.
 ///
-/// [`Shaping::Damping`] is `τ = k_p Ĵ_Lᵀ ē_p + k_o Ĵ_Aᵀ ē_o - Ĵ_Lᵀ D Ĵ_L q̇ - d_o Ĵ_Aᵀ Ĵ_A q̇ - σ K_V q̇` with
-/// `D = d_along ê êᵀ + d_across (I - ê êᵀ)`, `ê` towards the goal. It differs from the law of chapter 5 only by damping,
-/// and the damping that remains is positive definite: `dW/dt = -V_Eᵀ D V_E - d_o |Ω_E|² - σ q̇ᵀ K_V q̇ ≤ 0`.
-/// Slow motion is then `D V_E = k_p ē_p`: along the line at a speed that depends on the distance alone, not on the
-/// posture. Under `K_V` it is `V_E = k_p Ĵ_L K_V⁻¹ Ĵ_Lᵀ ē_p`, bent towards the directions in which the arm is compliant, and
-/// a rotated force that makes it straight has a small component along stiff directions: therefore it is slow.
+/// [`Shaping::Damping`] is `τ = k_p Ĵ_Lᵀ ē_p + k_o Ĵ_Aᵀ ē_o - Ĵ_Lᵀ D Ĵ_L q̇ - d_o Ĵ_Aᵀ Ĵ_A q̇ - σ K_V q̇` with `D =
+/// d_along ê êᵀ + d_across (I - ê êᵀ)`, `ê` towards the goal. It differs from the law of chapter 5 only by its damping,
+/// which is positive definite: `dW/dt = -V_Eᵀ D V_E - d_o |Ω_E|² - σ q̇ᵀ K_V q̇ ≤ 0`. Slow motion is then `D V_E = k_p
+/// ē_p`: along the line at a speed that depends on the distance alone, not on the posture. Under `K_V` it is `V_E = k_p
+/// Ĵ_L K_V⁻¹ Ĵ_Lᵀ ē_p`, bent towards the directions in which the arm is compliant; a rotated force that makes it
+/// straight has a small component along stiff directions and is therefore slow.
 ///
-/// Where the wrist is light, both remove the tip's velocity too fast for a sampled law.
-/// So with [`StraightPathConfig::period`] the tip is given a virtual inertia ([`StraightPathConfig::virtual_tip_inertia`]): the
+/// If the wrist is light, both methods remove the tip's velocity too fast for a sampled law. So with
+/// [`StraightPathConfig::period`] the tip is given a virtual inertia ([`StraightPathConfig::virtual_tip_inertia`]): the
 /// damping is then stable in every posture, and slow motion does not change. The rotation is as stiff as damping of
-/// `k_p |e_p| k_r / |V_E|`, which is unbounded at rest, so its gain is bounded too, `k_r ≤ ½ d_across |V_E| / k_p |e_p|`; any
-/// rotation from zero to `2π - 2φ` satisfies (7.3). The factor is one half because the rotated force changes up to twice as
-/// fast with the direction of `V_E` as that damping would.
+/// `k_p |e_p| k_r / |V_E|`, which is unbounded at rest, so its gain is also bounded, `k_r ≤ ½ d_across |V_E| / k_p
+/// |e_p|`; any rotation from zero to `2π - 2φ` satisfies (7.3). The factor is one half because the rotated force
+/// changes up to twice as fast with the direction of `V_E` as that damping would.
 ///
-/// For a goal that moves, `q̇` is `s = q̇ - q̇_D` in all of this, see [`FeedForward`](super::FeedForward): the path is straight
-/// relative to the goal.
+/// For a moving goal, `q̇` is replaced by `s = q̇ - q̇_D` throughout, see [`FeedForward`](super::FeedForward): the path
+/// is straight relative to the goal.
 #[derive(Debug, Clone)]
 pub struct StraightPath {
     config: StraightPathConfig,

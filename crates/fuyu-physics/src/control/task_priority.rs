@@ -5,11 +5,11 @@ use nalgebra::{DMatrix, DVector, Matrix6, Matrix6xX, Vector6};
 /// Jacobian rows of a task: six for a pose. Unused rows are zero.
 pub type Rows = Matrix6xX<f64>;
 
-/// Joint efforts for several tasks with strict priority: each task is fulfilled as far as those before it allow.
+/// Joint efforts for several tasks with strict priority: each task is fulfilled as far as the previous ones allow.
 ///
-/// A task is `J q̈ = b` for the acceleration that efforts add to the free motion, `q̈ = Ĥ⁻¹ τ`. With `Ĥ = L Lᵀ` and
-/// `z = L⁻¹ τ` that is `J L⁻ᵀ z = b`, and `zᵀ z = τᵀ Ĥ⁻¹ τ` is the cost of the efforts by Gauss's principle of least
-/// constraint. Each task is solved in the null space of those before it, by least squares in this metric:
+/// A task is `J q̈ = b` for the acceleration that efforts add to the free motion, `q̈ = Ĥ⁻¹ τ`. With `Ĥ = L Lᵀ` and `z
+/// = L⁻¹ τ` that is `J L⁻ᵀ z = b`, and `zᵀ z = τᵀ Ĥ⁻¹ τ` is the cost of the efforts by Gauss's principle of least
+/// constraint. Each task is solved in the null space of the previous ones, by least squares in this metric:
 ///
 /// ```text
 /// B = J L⁻ᵀ N,   z += B⁺ (b - J L⁻ᵀ z),   N becomes N - B⁺ B
@@ -20,10 +20,10 @@ pub type Rows = Matrix6xX<f64>;
 /// (O. Khatib, A unified approach for motion and force control of robot manipulators, IEEE J. Robotics and
 /// Automation 3, 1987); the recursion is that of B. Siciliano and J.-J. Slotine (ICAR 1991).
 ///
-/// Rows are scaled to unit length, so that metres and radians, heavy and light directions have equal weight. `B⁺` is the
-/// pseudo-inverse, damped in directions whose singular value `σ` is below `damping` (A. Maciejewski and C. Klein, J. Robotic
-/// Systems 5, 1988): `σ / (σ² + λ²)` with `λ² = damping² - σ²`, at most `1 / damping`. It is exact away from kinematic
-/// singularities and from conflicts of tasks (algorithmic singularities).
+/// Rows are scaled to unit length, so that metres and radians, heavy and light directions have equal weight. `B⁺` is
+/// the pseudo-inverse, damped in directions whose singular value `σ` is below `damping` (A. Maciejewski and C. Klein,
+/// J. Robotic Systems 5, 1988): `σ / (σ² + λ²)` with `λ² = damping² - σ²`, at most `1 / damping`. It is exact away from
+/// kinematic singularities and from conflicts of tasks (algorithmic singularities).
 #[derive(Debug, Clone)]
 pub struct TaskPriority {
     /// Singular value below which a direction is damped, for rows of unit length.
@@ -45,11 +45,11 @@ struct Level {
     inverse: Matrix6<f64>,
 }
 
-/// Default damping: efforts stay within some ten times those of a single task far from singularities.
+/// Default damping: efforts are at most some ten times those of a single task far from singularities.
 pub(super) const TASK_DAMPING: f64 = 0.1;
 
 impl TaskPriority {
-    /// For at most `tasks` tasks of a robot with `joints` joints. Only this function allocates memory.
+    /// Scratch for at most `tasks` tasks of a robot with `joints` joints. Only this function allocates memory.
     pub fn new(joints: usize, tasks: usize) -> Self {
         let level = Level {
             rows: Rows::zeros(joints),
@@ -72,11 +72,10 @@ impl TaskPriority {
         self.used = 0;
     }
 
-    /// Adds the next task: rows `J`, zero where unused, and accelerations `b` in excess of those of the free
-    /// motion.
+    /// Adds the next task: rows `J`, zero where unused, and accelerations `b` in addition to those of the free motion.
     ///
     /// # Panics
-    /// If there are more tasks than [`TaskPriority::new`] was given.
+    /// If there are more tasks than were passed to [`TaskPriority::new`].
     pub fn add(&mut self, J: &Rows, b: &Vector6<f64>) {
         let (earlier, rest) = self.levels.split_at_mut(self.used);
         let level = &mut rest[0];
@@ -109,7 +108,7 @@ impl TaskPriority {
         }
     }
 
-    /// Adds the part of the efforts `τ_0` \[N m or N\] that disturbs none of the tasks.
+    /// Adds the part of the efforts `τ_0` \[N m or N\] that does not disturb any of the tasks.
     pub fn add_in_null_space(&mut self, efforts: &DVector<f64>) {
         self.row.copy_from(efforts);
         self.factor.solve_lower_triangular_mut(&mut self.row);

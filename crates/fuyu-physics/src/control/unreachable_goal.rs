@@ -1,9 +1,9 @@
-//! Memory of a goal that no joint positions reach.
+//! Memory of an unreachable goal.
 
 use super::{IkError, PoseError};
 use crate::spatial::Pose;
 
-/// A goal for which the search has failed. Such a search is slow, so it is not repeated until the goal moves.
+/// A goal for which the search has failed. The search is slow, so it is not repeated until the goal moves.
 #[derive(Debug, Clone, Default)]
 pub(super) struct UnreachableGoal(Option<(Pose, IkError)>);
 

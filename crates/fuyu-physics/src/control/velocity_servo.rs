@@ -47,15 +47,15 @@ impl VelocityServoConfig {
 
 /// A proportional-integral servo of joint rates, within the effort limits of the drives.
 ///
-/// It is sampled: its torque is held from one call to the next. With the period `T` of the calls, a proportional servo
-/// is stable up to a bandwidth of `2/T`, and overshoots above `1/T`.
+/// The servo is sampled: its torque is held between calls. With the period `T` of the calls, a proportional servo is
+/// stable up to a bandwidth of `2/T`, and overshoots above `1/T`.
 #[derive(Debug, Clone)]
 pub struct VelocityServo {
     config: VelocityServoConfig,
     /// Reference rates \[rad/s or m/s\].
     reference: DVector<f64>,
     integral: DVector<f64>,
-    /// Rate errors with their integral part.
+    /// Rate errors, including their integral part.
     error: DVector<f64>,
     efforts: DVector<f64>,
     workspace: Workspace,
@@ -103,7 +103,7 @@ impl VelocityServo {
         &self.reference
     }
 
-    /// Sets the reference rate of joint `j`, cut to its limit. Returns whether it was cut.
+    /// Sets the reference rate of joint `j`, clamped to its limit. Returns whether it was clamped.
     pub fn set_reference(&mut self, model: &Model, j: usize, rate: f64) -> bool {
         let limit = model.joints()[j].limits.velocity;
         self.reference[j] = rate.clamp(-limit, limit);

@@ -1,4 +1,4 @@
-//! Virtual inertia at the tip, so that a sampled law may damp the tip strongly.
+//! Virtual inertia at the tip, with which a sampled law can damp the tip strongly.
 
 use nalgebra::{DMatrix, DVector, Matrix6, Matrix6xX, Vector6};
 
@@ -15,20 +15,20 @@ pub struct VirtualTipInertia {
     pub inertia: f64,
 }
 
-/// Computes the wrench that makes the tip as heavy as if it carried a load of the virtual inertia.
+/// Computes the wrench that makes the tip move as if it carried a load with the virtual inertia.
 ///
 /// Damping `D` of the tip slows it down at the rate `Λ⁻¹ D`, where `Λ = (Ĵ Ĥ⁻¹ Ĵᵀ)⁻¹` is the tip's own inertia. A light
-/// wrist has little of it in some directions, and a law that is sampled with the period `T` is unstable
-/// where that rate is more than `2/T`. With the wrench `-M dV_s/dt` on the tip, which is that of a load `M = (m, i)`, the
-/// rate is that of `(Λ + M)⁻¹ D`, never more than `d/m`, in any posture; slow motion, `D V_s = (k_p ē_p, k_o ē_o)`, does not
-/// change.
+/// wrist makes it small in some directions, and a law that is sampled with the period `T` is unstable if that rate is
+/// more than `2/T`. With the wrench `-M dV_s/dt` on the tip, which is that of a load `M = (m, i)`, the rate is that of
+/// `(Λ + M)⁻¹ D`, never more than `d/m`, in any posture; slow motion, `D V_s = (k_p ē_p, k_o ē_o)`, does not change.
 ///
-/// A load takes its power from its own kinetic energy, so a law with a Lyapunov function `W` has one with the load,
-/// `W + ½ m |V_s|² + ½ i |Ω_s|²`, that decreases as fast. `V_s = Ĵ s` is the tip's velocity relative to the goal's, with
-/// `s = q̇ - q̇_D` of [`FeedForward`](super::FeedForward), or `q̇` where nothing is fed forward. The acceleration that the
-/// wrench depends on, and which depends on the wrench, follows from the model: `dV_s/dt = A + Λ⁻¹ f` with `A` of the motion
-/// without the load. (With feed-forward, `A` is that of the rates `s`; this omits terms of the size `M |q̇_D| |s|`, which are
-/// smaller than the damping `D |s|` by the ratio of `|q̇_D|` to `d/m`, some hundred times.)
+/// A load takes its power from its own kinetic energy, so for a law with a Lyapunov function `W` the loaded law has the
+/// Lyapunov function `W + ½ m |V_s|² + ½ i |Ω_s|²`, which decreases as fast. `V_s = Ĵ s` is the tip's velocity relative
+/// to the goal's, with `s = q̇ - q̇_D` of [`FeedForward`](super::FeedForward), or `q̇` without feed-forward. The
+/// acceleration, on which the wrench depends and which itself depends on the wrench, follows from the model: `dV_s/dt =
+/// A + Λ⁻¹ f` with `A` of the motion without the load. (With feed-forward, `A` is that of the rates `s`; this omits
+/// terms of the size `M |q̇_D| |s|`, which are smaller than the damping `D |s|` by the ratio of `|q̇_D|` to `d/m`, some
+/// hundred times.)
 #[derive(Debug, Clone)]
 pub(super) struct InertiaWrench {
     state: State,
@@ -42,7 +42,7 @@ pub(super) struct InertiaWrench {
 }
 
 impl InertiaWrench {
-    /// For a robot; the only place where memory is taken.
+    /// Scratch for a robot; the only function that allocates memory.
     pub fn new(manipulator: &Manipulator) -> Self {
         let joints = manipulator.model.dof();
         Self {
@@ -57,8 +57,8 @@ impl InertiaWrench {
 
     /// The wrench of the virtual inertia on the tip \[N, N m\], linear rows first, base axes.
     ///
-    /// `jacobian` is `Ĵ`, `rates` are `s`, `efforts` all other efforts by joint. `manipulator.workspace` holds the joint
-    /// positions `q`; its motion afterwards is that of `s` without momentum.
+    /// `jacobian` is `Ĵ`, `rates` are `s`, `efforts` are all other joint efforts. `manipulator.workspace` holds the
+    /// joint positions `q`; its motion afterwards is that of `s` without momentum.
     pub fn compute(
         &mut self,
         inertia: VirtualTipInertia,
@@ -94,8 +94,8 @@ impl InertiaWrench {
         }
         let (a, alpha) = (A.linear, A.angular);
         let A = Vector6::new(a.x, a.y, a.z, alpha.x, alpha.y, alpha.z);
-        // Its eigenvalues are at least one, so only values that are not finite have no factor; the joint efforts of the
-        // other terms show those.
+        // The eigenvalues are at least one, so only a matrix that is not finite has no factor; the joint efforts of the
+        // other terms then show that.
         square.cholesky().map_or_else(Vector6::zeros, |factor| {
             -S.component_mul(&factor.solve(&S.component_mul(&A)))
         })

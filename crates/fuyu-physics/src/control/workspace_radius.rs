@@ -4,12 +4,12 @@ use nalgebra::Vector3;
 
 use crate::model::{Frame, Model};
 
-/// Upper bound on the distance of `tip` from the system's centre of mass, for any joint positions and any pose of the base
-/// \[m\]; `None` if a prismatic joint has no limits.
+/// Upper bound of the distance of `tip` from the system's centre of mass, for any joint positions and any pose of the
+/// base \[m\]; `None` if a prismatic joint has no limits.
 ///
-/// The vector from the centre of mass to the tip is a sum of vectors that are fixed in the bodies, one for each
-/// (the virtual links of Vafa and Dubowsky), so the sum of their lengths bounds it. Planar arms attain the bound.
-/// Without external forces the centre of mass does not accelerate, so a goal at rest outside this radius stays outside.
+/// The vector from the centre of mass to the tip is a sum of vectors that are fixed in the bodies, one for each (the
+/// virtual links of Vafa and Dubowsky), so the sum of their lengths bounds it. Planar arms reach the bound. Without
+/// external forces the centre of mass does not accelerate, so a goal at rest outside this radius stays outside.
 pub(super) fn workspace_radius(model: &Model, tip: &Frame) -> Option<f64> {
     let bodies = model.bodies();
     let mass = model.total_mass();

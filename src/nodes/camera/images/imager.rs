@@ -30,7 +30,7 @@ pub struct Shot {
 }
 
 /// The bodies, the robot first.
-pub struct Stage {
+pub struct ImageScene {
     bodies: Vec<Body>,
     /// Optical frames of the cameras, on the robot.
     frames: Vec<Frame>,
@@ -38,8 +38,8 @@ pub struct Stage {
     number: u64,
 }
 
-impl Stage {
-    /// A stage with the robot and the targets.
+impl ImageScene {
+    /// A scene with the robot and the targets.
     ///
     /// # Errors
     /// A line that names the parameter of a link that the robot does not have.

@@ -9,7 +9,7 @@ mod thread;
 mod topics;
 
 pub use body::{Body, BodyState};
-pub use imager::{Imager, Shot, Stage, checked_shape};
+pub use imager::{ImageScene, Imager, Shot, checked_shape};
 pub use outputs::{Content, ImageMessage, Output};
 pub use params::{CameraSpec, Colour, Compression, Depth, ImageParams, ImageSettings};
 pub use params::{LiveImageSettings, MAIN};

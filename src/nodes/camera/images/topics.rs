@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use super::{
-    Body, BodyState, ImageParams, Imager, LiveImageSettings, Shape, Shot, Stage,
+    Body, BodyState, ImageParams, ImageScene, Imager, LiveImageSettings, Shape, Shot,
     thread::ImageThread,
 };
 use crate::{
@@ -23,8 +23,8 @@ pub struct ImageTopics {
     thread: ImageThread,
     targets: Vec<TargetSource>,
     robot: VecDeque<(Time, (JointState, Odometry))>,
-    stage: Option<Stage>,
-    /// The robot description from which the stage is built.
+    image_scene: Option<ImageScene>,
+    /// The robot description from which the scene is built.
     description: String,
     /// Exposed frames whose latency has not passed; their images are in the thread.
     stream: FrameStream<()>,
@@ -164,7 +164,7 @@ impl ImageTopics {
             targets: targets.collect::<Result<_, _>>()?,
             thread: ImageThread::start(node, imager, &outputs)?,
             robot: VecDeque::new(),
-            stage: None,
+            image_scene: None,
             description: String::new(),
             stream: FrameStream::new(params.settings.stream),
             status,
@@ -174,10 +174,10 @@ impl ImageTopics {
         })
     }
 
-    /// Sets a new description of the robot; the stage will be rebuilt.
+    /// Sets a new description of the robot; the scene will be rebuilt.
     pub fn set_robot(&mut self, description: &str) {
         self.description = description.to_owned();
-        self.stage = None;
+        self.image_scene = None;
     }
 
     /// Updates rate, exposure, noise and lights if their parameters have changed.
@@ -187,8 +187,8 @@ impl ImageTopics {
         }
         self.params.settings = live.get();
         self.stream.set_config(self.params.settings.stream);
-        if let Some(stage) = &mut self.stage {
-            stage.set_settings(self.params.settings.clone());
+        if let Some(image_scene) = &mut self.image_scene {
+            image_scene.set_settings(self.params.settings.clone());
         }
     }
 
@@ -203,7 +203,7 @@ impl ImageTopics {
         for target in &mut self.targets {
             changed |= target.receive(&self.status);
         }
-        if changed || (self.stage.is_none() && !self.description.is_empty()) {
+        if changed || (self.image_scene.is_none() && !self.description.is_empty()) {
             self.build_stage();
         }
         while let Some((stamp, _)) = self.robot.front() {
@@ -280,14 +280,14 @@ impl ImageTopics {
         exposure: DueExposure,
     ) -> Result<Option<Shot>, String> {
         if exposure.first_of_run {
-            // Needed without a stage, too: the stream has discarded its waiting frames.
+            // Needed without a scene, too: the stream has discarded its waiting frames.
             self.thread.clear();
         }
-        let Some(stage) = &mut self.stage else {
+        let Some(image_scene) = &mut self.image_scene else {
             return Ok(None);
         };
         if exposure.first_of_run {
-            stage.restart();
+            image_scene.restart();
         }
         if exposure.lost {
             self.stream.push(time, (), exposure);
@@ -297,16 +297,16 @@ impl ImageTopics {
             self.skipped += 1;
             return Ok(None);
         }
-        let bodies = stage.bodies();
+        let bodies = image_scene.bodies();
         let mut states: Vec<BodyState> = vec![bodies[0].state(Some(joints), base)?];
         for (body, (pose, joints)) in bodies[1..].iter().zip(of_targets) {
             states.push(body.state(joints.as_ref(), pose)?);
         }
-        Ok(Some(stage.shot(time, &states)))
+        Ok(Some(image_scene.shot(time, &states)))
     }
 
     fn build_stage(&mut self) {
-        self.stage = None;
+        self.image_scene = None;
         let mut targets = Vec::new();
         for target in &self.targets {
             let Some((model, shape)) = &target.known else {
@@ -331,8 +331,8 @@ impl ImageTopics {
         {
             self.problems.extend_from_slice(&shape.problems);
         }
-        match Stage::new(&self.params, Body::new(model, &shape), targets) {
-            Ok(stage) => self.stage = Some(stage),
+        match ImageScene::new(&self.params, Body::new(model, &shape), targets) {
+            Ok(image_scene) => self.image_scene = Some(image_scene),
             Err(problem) => {
                 tracing::error!("{problem}");
                 self.status.error(problem);

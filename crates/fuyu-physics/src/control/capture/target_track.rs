@@ -278,8 +278,9 @@ impl TargetTrack {
     }
 
     /// Uncertainty of the prediction for `time` \[s\] of a point at `p_GK` in the grasp frame \[m\]; `None` while it is
-    /// unknown. The position's part is the covariance of the fit; the attitude's part is the largest drift rate of the
-    /// last forecasts times the prediction time.
+    /// unknown. The attitude's part is the largest drift rate of the last forecasts times the prediction time, with the
+    /// error of the averaged rotation from F to G; the position's part is the covariance of the fit, with the effect of
+    /// the attitude.
     pub fn uncertainty(&self, time: f64, p_GK: &Vector3<f64>) -> Option<Uncertainty> {
         let fit = self.fit.as_ref()?;
         let forecast = self.forecasts.back()?;

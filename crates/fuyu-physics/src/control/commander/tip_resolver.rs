@@ -21,7 +21,7 @@ pub enum KeptTip {
     /// Position and attitude.
     #[default]
     Pose,
-    /// Position only: three degrees of freedom remain for an arm with six joints, more for others.
+    /// Position only: leaves three redundant degrees of freedom to an arm with six joints.
     Position,
 }
 

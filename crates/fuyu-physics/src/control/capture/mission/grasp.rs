@@ -22,7 +22,8 @@ pub(in crate::control::capture) struct Closing {
     from: f64,
     to: f64,
     duration: f64,
-    /// Elapsed fraction of the duration, its rate \[1/s\], and the rate's derivative.
+    /// Elapsed time, which a pause slows down \[s\]; its speed relative to real time; and the rate of that speed
+    /// \[1/s\].
     clock: f64,
     speed: f64,
     speed_rate: f64,
