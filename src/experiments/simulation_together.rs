@@ -5,7 +5,7 @@ use super::{
     Figures, Fleet,
     simulation::{Observed, Stop, answer, is_over},
 };
-use crate::{dynamics::Together, nodes::dynamics::HeldTick, vision::PoseFrame};
+use crate::{dynamics::Together, nodes::dynamics::EffortTick, vision::PoseFrame};
 
 /// One of the runs.
 struct Run<'a> {
@@ -14,8 +14,8 @@ struct Run<'a> {
     observed: Vec<Observed>,
     /// Its outcome, once it has ended.
     end: Option<Result<(), Stop>>,
-    /// The held tick in progress, whose steps are computed together with others.
-    tick: Option<HeldTick>,
+    /// The effort tick in progress, whose steps are computed together with others.
+    tick: Option<EffortTick>,
     /// Whether its robot can be stepped together with others.
     fits: bool,
 }
@@ -42,7 +42,7 @@ impl Run<'_> {
     /// Begins a held tick, or computes the next tick at once.
     fn begin_tick(&mut self) {
         let robot = self.fleet.only_robot().filter(|_| self.fits);
-        self.tick = robot.and_then(|robot| robot.world.begin_held_tick());
+        self.tick = robot.and_then(|robot| robot.world.begin_effort_tick());
         if self.tick.is_none()
             && let Err(problem) = self.fleet.advance()
         {
@@ -56,7 +56,7 @@ impl Run<'_> {
             return;
         }
         if let Some(robot) = self.fleet.only_robot() {
-            robot.world.finish_held_tick();
+            robot.world.finish_effort_tick();
             if let Err(problem) = robot.check() {
                 self.end = Some(Err(problem.into()));
             }
@@ -105,7 +105,7 @@ fn fits(lanes: &mut Option<Together>, fleet: &mut Fleet) -> bool {
     let Some(robot) = fleet.only_robot() else {
         return false;
     };
-    let Some(robot) = robot.world.held_robot() else {
+    let Some(robot) = robot.world.effort_tick_robot() else {
         return false;
     };
     if lanes.is_none() {
@@ -121,7 +121,7 @@ fn step_together(lanes: &mut Option<Together>, runs: &mut [Run]) {
         .iter_mut()
         .filter_map(|run| {
             let tick = run.tick?;
-            Some((tick, run.fleet.only_robot()?.world.held_robot()?))
+            Some((tick, run.fleet.only_robot()?.world.effort_tick_robot()?))
         })
         .collect();
     // Almost always all runs have the same steps.

@@ -91,7 +91,7 @@ impl ActuatorInputs {
     }
 
     /// Why an awaited wheel command is missing; `None` if no command is awaited.
-    pub fn waits_for(&self) -> Option<String> {
+    pub fn missing_command_reason(&self) -> Option<String> {
         let topic = self.wheels.as_ref()?.topic();
         (!self.may_advance()).then(|| format!("no command with its stamp has arrived on {topic}"))
     }

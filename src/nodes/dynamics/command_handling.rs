@@ -208,7 +208,7 @@ impl CommandHandler {
     }
 
     /// Why an awaited command is missing.
-    pub fn waits_for(&self) -> String {
+    pub fn missing_command_reason(&self) -> String {
         let topic = self.commands.topic();
         match (&self.refusal, self.arbiter.holder()) {
             (Some(refusal), _) => format!("the last one on {topic} was refused, {refusal}"),

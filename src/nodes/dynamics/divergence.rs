@@ -66,7 +66,7 @@ impl<B: Restorable> StateBackup<B> {
     }
 
     /// The body was commanded: the next restore keeps its momentum.
-    pub fn command(&mut self) {
+    pub fn note_command(&mut self) {
         self.is_restored = false;
     }
 

@@ -19,7 +19,7 @@ const SERVO_PERIOD: f64 = 0.5;
 
 /// Tracking errors of a joint (position, rate) beyond which its reference counts as lost: the next motion then begins
 /// at the measured state \[rad or m; per s\].
-const LOST: (f64, f64) = (0.05, 0.5);
+const MAX_TRACKING_ERROR: (f64, f64) = (0.05, 0.5);
 
 /// Mode of the drive of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -137,7 +137,7 @@ impl JointDrive {
     }
 
     /// Number of motions begun or ended so far. A changed number means that a motion has ended or was replaced.
-    pub fn changes(&self) -> u64 {
+    pub fn motion_count(&self) -> u64 {
         self.changes
     }
 
@@ -219,7 +219,7 @@ impl JointDrive {
     /// Begins a motion of all joints at `time` \[s\], which replaces their setpoints.
     pub fn begin(&mut self, robot: &Robot, motion: ArmMotion, time: f64) {
         // The motion may end before its first step.
-        self.reference = self.present(robot);
+        self.reference = self.current_motion(robot);
         self.last_step = (time, 0.0);
         self.changes += 1;
         self.motion = Some(motion);
@@ -235,7 +235,7 @@ impl JointDrive {
 
     /// The joints' current motion: their references, or the measured state of joints that have no reference or have
     /// lost it.
-    pub fn present(&self, robot: &Robot) -> Vec<JointPoint> {
+    pub fn current_motion(&self, robot: &Robot) -> Vec<JointPoint> {
         let state = robot.state();
         let joints = self.kinds.iter().enumerate().map(|(j, kind)| {
             let measured = JointPoint {
@@ -252,7 +252,7 @@ impl JointDrive {
                 (reference.position - measured.position).abs(),
                 (reference.rate - measured.rate).abs(),
             );
-            match off.0 > LOST.0 || off.1 > LOST.1 {
+            match off.0 > MAX_TRACKING_ERROR.0 || off.1 > MAX_TRACKING_ERROR.1 {
                 true => measured,
                 false => reference,
             }
@@ -288,7 +288,7 @@ impl JointDrive {
         if self.motion.is_none() {
             return;
         }
-        let present = self.present(robot);
+        let present = self.current_motion(robot);
         let joints = robot.model().joints().iter().zip(present);
         for (j, (joint, now)) in joints.enumerate() {
             if self.kinds[j] == Kind::Gripper {

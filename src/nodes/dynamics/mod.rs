@@ -102,7 +102,7 @@ pub use part_messages::{appendage_states, wheel_states};
 pub use robot::Robot;
 pub use star_tracker::star_tracker_message;
 pub use target::Target;
-pub use world::{HeldTick, LinkContact, World, WorldEvent};
+pub use world::{EffortTick, LinkContact, World, WorldEvent};
 pub use wrist::{WristParams, wrist_message};
 
 use crate::ros::{Lifecycle, Node, NodeError, Transition};

@@ -359,7 +359,7 @@ impl SharedTime {
     }
 
     /// Description of the robots for which time waits after the state of `time` \[s\].
-    pub fn waits_for(&self, time: f64) -> String {
+    pub fn awaited_robots(&self, time: f64) -> String {
         match self {
             Self::Alone => String::new(),
             Self::Leader {

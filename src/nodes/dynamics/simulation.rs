@@ -131,7 +131,8 @@ impl<'a> Simulation<'a> {
             self.time_status.begin_wait();
             return self.wait_until(|s| {
                 let seconds = long_wait(since).unwrap_or(0);
-                s.time_status.is_held(seconds, &s.commands.waits_for());
+                s.time_status
+                    .is_held(seconds, &s.commands.missing_command_reason());
                 s.take_commands(f64::NEG_INFINITY);
                 s.clock.is_released()
                     || !s.may_advance()
@@ -198,7 +199,7 @@ impl<'a> Simulation<'a> {
                     s.time_status.is_stopped_by(leader, time);
                 }
                 (_, Some(seconds)) => {
-                    (s.time_status).waits_for_robots(seconds, &s.shared_time.waits_for(time));
+                    (s.time_status).waits_for_robots(seconds, &s.shared_time.awaited_robots(time));
                 }
                 (_, None) => {}
             }
@@ -276,10 +277,10 @@ impl<'a> Simulation<'a> {
     }
 
     /// Why an awaited command is missing.
-    fn waits_for(&self) -> String {
+    fn missing_command_reason(&self) -> String {
         let inputs = self.actuator_inputs.as_ref();
         let wheels = inputs.and_then(ActuatorInputs::waits_for);
-        wheels.unwrap_or_else(|| self.commands.waits_for())
+        wheels.unwrap_or_else(|| self.commands.missing_command_reason())
     }
 
     /// Outside lockstep, steps the world to the simulated time `now` \[s\], at which a command takes effect.
@@ -391,7 +392,7 @@ impl<'a> Simulation<'a> {
         self.wait_until(|s| {
             if let Some(seconds) = long_wait(since) {
                 let stamp = Time::from_secs_f64(s.world.time());
-                let reason = s.waits_for();
+                let reason = s.missing_command_reason();
                 (s.time_status).waits_for_response(seconds, stamp, &reason);
             }
             s.take_commands(f64::NEG_INFINITY);

@@ -96,7 +96,7 @@ impl Target {
     /// Saves the current state, to be restored after a divergence.
     pub(super) fn save(&mut self) {
         if !std::mem::take(&mut self.is_restored) {
-            self.backup.command();
+            self.backup.note_command();
         }
         self.backup.save(&self.body);
     }

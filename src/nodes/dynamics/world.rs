@@ -1,10 +1,10 @@
 //! The simulated world: the robot and the free bodies, at one time.
 
 mod contact;
+mod effort_tick;
 #[cfg(test)]
 mod flexible_tests;
 mod grasping;
-mod held_tick;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
@@ -12,9 +12,9 @@ mod wrist_tests;
 
 pub use contact::LinkContact;
 use contact::WorldContacts;
+pub use effort_tick::EffortTick;
 use grasping::Grasps;
 pub use grasping::WorldEvent;
-pub use held_tick::HeldTick;
 
 use super::divergence::{self, StateBackup};
 use super::excitations::Excitations;
@@ -334,7 +334,7 @@ impl World {
     /// # Panics
     /// If there is no wheel of this index.
     pub fn hold_wheel_torques(&mut self, torques: impl IntoIterator<Item = (usize, f64)>) {
-        self.backup.command();
+        self.backup.note_command();
         if let Some(robot) = self.robot.flexible_mut() {
             for (i, torque) in torques {
                 robot.input_mut().wheel_torques[i] = torque;
@@ -354,7 +354,7 @@ impl World {
     /// # Panics
     /// If there is no thruster of this index.
     pub fn fire(&mut self, on_times: impl IntoIterator<Item = (usize, f64)>) {
-        self.backup.command();
+        self.backup.note_command();
         if let Some(robot) = self.robot.flexible_mut() {
             for (i, seconds) in on_times {
                 robot.fire(i, seconds);
@@ -365,32 +365,32 @@ impl World {
     /// Holds joint `efforts` (joint index, effort \[N m or N\]), clamped to the joints' limits. Other joints keep their
     /// setpoints. Returns whether any was clamped.
     pub fn hold_efforts(&mut self, efforts: impl IntoIterator<Item = (usize, f64)>) -> bool {
-        self.backup.command();
+        self.backup.note_command();
         self.drive.hold_efforts(&mut self.robot, efforts)
     }
 
     /// Drives joints at `rates` (joint index, rate \[rad/s or m/s\]) by a servo, clamped to the joints' limits. Other
     /// joints keep their setpoints. Returns whether any was clamped.
     pub fn drive_rates(&mut self, rates: impl IntoIterator<Item = (usize, f64)>) -> bool {
-        self.backup.command();
+        self.backup.note_command();
         self.drive.drive_rates(&mut self.robot, rates)
     }
 
     /// Sets setpoints of joints, as [`JointDrive::command`].
     pub(super) fn command(&mut self, setpoints: &[(usize, Setpoint)]) -> Option<&'static str> {
-        self.backup.command();
+        self.backup.note_command();
         (self.drive).command(&mut self.robot, setpoints.iter().copied())
     }
 
     /// Begins a motion of all joints, which replaces their setpoints.
     pub(super) fn begin(&mut self, motion: ArmMotion) {
-        self.backup.command();
+        self.backup.note_command();
         self.drive.begin(&self.robot, motion, self.time.now());
     }
 
     /// Sets the goal of a gripper; grippers are in the order of the parameter `grippers`.
     pub fn set_gripper_goal(&mut self, gripper: usize, goal: GripperGoal) {
-        self.backup.command();
+        self.backup.note_command();
         self.drive.set_gripper_goal(&self.robot, gripper, goal);
     }
 

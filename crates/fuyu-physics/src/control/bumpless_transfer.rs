@@ -4,9 +4,9 @@ use nalgebra::DVector;
 
 /// The difference in the efforts due to a change of settings, and its decay.
 ///
-/// At a change, the law's efforts under the new settings differ from those under the old ones by `d`. The difference is
-/// subtracted at once and decays as `d exp(-t/T)`, and the effective velocity gains follow the new `K_V` with the same
-/// time constant. So the efforts are continuous, and the joints are damped by a positive definite matrix at all times.
+/// At a change, let `d` be the law's efforts under the old settings minus those under the new ones. The controller adds
+/// `d exp(-t/T)` to the new efforts, and the effective velocity gains follow the new `K_V` with the same time constant.
+/// So the efforts are continuous, and the joints are damped by a positive definite matrix at all times.
 ///
 /// The proof of stability remains valid: with the Lyapunov function of the new settings,
 /// `dW/dt = -q̇ᵀ K q̇ + q̇ᵀ d exp(-t/T) ≤ |d|² exp(-2t/T) / 4k`, where `k` is the smallest effective velocity gain. A

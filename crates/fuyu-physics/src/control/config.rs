@@ -70,7 +70,7 @@ impl ControllerConfig {
     /// Refuses settings that do not fit a robot with `joints` joints, or are not finite.
     ///
     /// # Errors
-    /// [`ConfigError`] that names the setting.
+    /// [`ConfigError`] names the setting.
     pub fn check(&self, joints: usize) -> Result<(), ConfigError> {
         self.gains.check(joints)?;
         check_not_negative("bumpless_transfer_time", self.bumpless_transfer_time)?;

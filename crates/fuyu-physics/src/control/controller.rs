@@ -270,7 +270,7 @@ impl Controller {
     /// the goal under joint PD control. [`LawConfig::Custom`] keeps the user-defined law.
     ///
     /// # Errors
-    /// Changes the settings without a step in the efforts.
+    /// [`ConfigError`] if they do not fit the robot; nothing has then changed.
     pub fn set_config(&mut self, config: ControllerConfig) -> Result<(), ConfigError> {
         let Manipulator { model, tip, .. } = &self.manipulator;
         let config = with_fallback_gains(config, model, tip)?;

@@ -137,13 +137,13 @@ fn a_motion_that_is_interrupted_ends_smoothly() {
     let stop = JointSpline::stop(robot.model(), 0.0, &[to_rest(0.05), to_rest(0.05)]);
     drive.begin(&robot, ArmMotion::Joints(stop), 0.0);
     assert_eq!(drive.mode(), DriveMode::Motion);
-    let before = drive.changes();
+    let before = drive.motion_count();
     step(&mut drive, &mut robot, 0.0, 0.05, 0.01);
-    let present = drive.present(&robot);
+    let present = drive.current_motion(&robot);
     assert!((present[0].rate - robot.state().qd[0]).abs() < 5e-3);
     // ...which a command for the first joint ends.
     drive.drive_rates(&mut robot, [(0, 0.0)]);
-    assert!(drive.changes() > before);
+    assert!(drive.motion_count() > before);
     assert_eq!(drive.mode(), DriveMode::Mixed);
     let rate = robot.state().qd[1];
     step(&mut drive, &mut robot, 0.05, 0.01, 0.01);
@@ -163,10 +163,10 @@ fn a_motion_that_ends_before_its_first_step_moves_nothing() {
     let mut state = robot.state().clone();
     state.q = nalgebra::dvector![0.4, -0.7];
     robot.restore(&RobotState::Rigid(state));
-    let present = drive.present(&robot);
+    let present = drive.current_motion(&robot);
     let stop = JointSpline::stop(robot.model(), 0.0, &present);
     drive.begin(&robot, ArmMotion::Joints(stop), 0.0);
-    assert_eq!(drive.present(&robot), present);
+    assert_eq!(drive.current_motion(&robot), present);
     drive.halt(&mut robot);
     step(&mut drive, &mut robot, 0.0, 1.0, 0.01);
     assert!((robot.state().q[0] - 0.4).abs() < 1e-9 && (robot.state().q[1] + 0.7).abs() < 1e-9);
@@ -255,7 +255,7 @@ fn a_gripper_moves_whatever_the_arm_does() {
     );
     assert!((robot.state().qd[0] - 0.05).abs() < 1e-3);
 
-    let now = drive.present(&robot);
+    let now = drive.current_motion(&robot);
     let stop = JointSpline::stop(robot.model(), 8.0, &now);
     drive.begin(&robot, ArmMotion::Joints(stop), 8.0);
     drive.set_gripper_goal(&robot, 0, GripperGoal::at(0.0));

@@ -245,7 +245,7 @@ fn begin(simulation: &mut Simulation, motion: ArmMotion) {
     simulation.world.begin(motion);
     simulation.commands.begin_motion(is_streamed);
     simulation.clock.release();
-    simulation.motions.begun = Some(simulation.world.drive().changes());
+    simulation.motions.begun = Some(simulation.world.drive().motion_count());
 }
 
 fn base_of(world: &World) -> BaseState {
@@ -264,7 +264,7 @@ fn follower(world: &World, tip: &Frame, reaction: BaseReaction, limits: bool) ->
         true => resolver,
         false => resolver.without_limits(),
     };
-    TipFollower::new(model, resolver, &world.drive().present(&world.robot))
+    TipFollower::new(model, resolver, &world.drive().current_motion(&world.robot))
 }
 
 /// The motion that follows a trajectory's spline.
@@ -319,7 +319,7 @@ fn spline(
 ) -> Result<(JointSpline, f64), String> {
     let world = &simulation.world;
     check_tree(world)?;
-    let present = world.drive().present(&world.robot);
+    let present = world.drive().current_motion(&world.robot);
     let model = world.robot.model();
     let spline =
         (trajectory.spline(model, start, world.time(), &present)).map_err(|e| format!("it {e}"))?;
@@ -420,7 +420,7 @@ fn cancel(simulation: &mut Simulation) {
 /// Brings the joints to rest, and releases the robot from its holder.
 fn stop(simulation: &mut Simulation) {
     let world = &simulation.world;
-    let present = world.drive().present(&world.robot);
+    let present = world.drive().current_motion(&world.robot);
     let stop = JointSpline::stop(world.robot.model(), world.time(), &present);
     begin(simulation, ArmMotion::Joints(stop));
     simulation.commands.end_motion();
@@ -438,7 +438,7 @@ pub fn follow(simulation: &mut Simulation) {
     let Some(begun) = simulation.motions.begun else {
         return;
     };
-    if simulation.world.drive().changes() != begun {
+    if simulation.world.drive().motion_count() != begun {
         let text = "the motion was ended: the arm was commanded otherwise, reset, or has diverged";
         simulation.motions.abort(text);
         simulation.commands.end_motion();

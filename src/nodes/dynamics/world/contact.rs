@@ -65,7 +65,7 @@ impl WorldContacts {
 
     /// Before a contact world is replaced: records its dissipated energy, and the stored energy beyond the `stored`
     /// energy \[J\] of its successor, which is lost.
-    fn leave(&mut self, before: &ContactSystem, stored: f64) {
+    fn record_replaced(&mut self, before: &ContactSystem, stored: f64) {
         let lost = before.world().stored_energy() - stored;
         self.dissipated_before += before.world().dissipated_energy() + lost.max(0.0);
     }
@@ -205,7 +205,7 @@ impl World {
         if robot.has_second_grasp() {
             // Contact is not simulated while two grasps form a closed loop.
             if let Some(system) = robot.set_contact_system(None) {
-                contacts.leave(&system, 0.0);
+                contacts.record_replaced(&system, 0.0);
                 let ended = system
                     .links_in_contact()
                     .map(|links| links.map(str::to_owned));
@@ -225,14 +225,14 @@ impl World {
                     let known = (before.as_ref()).map_or(Vec::new(), ContactSystem::touching_links);
                     system.suspend_overlaps(&known);
                     if let Some(before) = before {
-                        contacts.leave(&before, system.world().stored_energy());
+                        contacts.record_replaced(&before, system.world().stored_energy());
                         contacts.note_ends(time, system.continue_from(&before));
                     }
                     robot.set_contact_system(Some(system));
                 }
                 Err(problem) => {
                     if let Some(before) = before {
-                        contacts.leave(&before, 0.0);
+                        contacts.record_replaced(&before, 0.0);
                     }
                     contacts.refused = Some((ids().collect(), held));
                     contacts.failure = Some(problem);

@@ -1,4 +1,4 @@
-//! Held ticks: ticks in which a rigid robot moves under held efforts only. Their steps can be computed by the caller,
+//! Effort ticks: ticks in which a rigid robot moves under held efforts only. Their steps can be computed by the caller,
 //! for several worlds together.
 
 use super::World;
@@ -6,7 +6,7 @@ use crate::dynamics::Floating;
 
 /// The integration steps of a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HeldTick {
+pub struct EffortTick {
     /// Length of a step \[s\].
     pub dt: f64,
     /// Number of steps.
@@ -15,9 +15,9 @@ pub struct HeldTick {
 
 impl World {
     /// Begins the next tick if a rigid robot moves under held efforts only: without targets, contacts, wrenches and
-    /// servos. Time has then advanced; the caller must step [`World::held_robot`] and call [`World::finish_held_tick`].
+    /// servos. Time has then advanced; the caller must step [`World::effort_tick_robot`] and call [`World::finish_effort_tick`].
     /// Otherwise returns `None` with nothing changed; [`World::step_to_tick`] works for all ticks.
-    pub fn begin_held_tick(&mut self) -> Option<HeldTick> {
+    pub fn begin_effort_tick(&mut self) -> Option<EffortTick> {
         let is_alone = self.targets.is_empty() && self.contacts.is_none() && self.grasps.are_none();
         let is_left = self.wrenches.are_none() && !self.time.is_between_ticks();
         if !is_alone || !is_left || self.robot.rigid().is_none() {
@@ -28,16 +28,16 @@ impl World {
         self.time.advance_to_tick();
         self.backup.save(&self.robot);
         self.wrenches.save_change();
-        Some(HeldTick { dt, steps })
+        Some(EffortTick { dt, steps })
     }
 
     /// The robot to step; `None` unless it is rigid.
-    pub fn held_robot(&mut self) -> Option<&mut Floating> {
+    pub fn effort_tick_robot(&mut self) -> Option<&mut Floating> {
         Some(self.robot.rigid_mut()?.own_mut())
     }
 
-    /// Ends a tick begun by [`World::begin_held_tick`].
-    pub fn finish_held_tick(&mut self) {
+    /// Ends a tick begun by [`World::begin_effort_tick`].
+    pub fn finish_effort_tick(&mut self) {
         self.finish_tick();
     }
 }
