@@ -29,7 +29,7 @@ pub struct InputFileError {
 #[derive(Debug)]
 enum Problem {
     Io(io::Error),
-    /// What it is: a folder, a named pipe, a device.
+    /// Not a regular file, but this: a folder, a named pipe or a device.
     Kind(&'static str),
     /// Larger than this \[bytes\].
     Size(u64),
@@ -158,7 +158,7 @@ mod tests {
         std::fs::write(&file, "0123456789").unwrap();
         assert_eq!(read_text(&file, 10).unwrap(), "0123456789");
         assert!(error(&file, 9).contains("larger than 9 bytes"));
-        // Its metadata say zero bytes.
+        // The metadata of this file give a size of zero bytes.
         assert!(error(Path::new("/proc/self/maps"), 20).contains("larger than 20 bytes"));
         std::fs::write(&file, b"abc\xff").unwrap();
         assert!(error(&file, 10).contains("byte 3"));

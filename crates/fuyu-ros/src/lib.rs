@@ -8,7 +8,7 @@
 //! | module | content |
 //! | --- | --- |
 //! | [`ros`] | nodes: publishers, subscriptions, services, actions, parameters, lifecycle, clock, diagnostics, log, `--ros-args` |
-//! | [`msg`] | messages of the common ROS packages, macros for own ones, CDR, type hashes, schemas |
+//! | [`msg`] | messages of the common ROS packages, macros for user-defined ones, CDR, type hashes, schemas |
 //! | [`bag`] | rosbag2 recordings (MCAP): write, read, recover, convert to CSV and Parquet |
 //! | [`input_file`] | reading files whose names are input: regular files up to a size |
 //! | `keys` | certificates and access control of a Zenoh graph (feature `zenoh`) |
@@ -76,7 +76,7 @@
 //! # Ok::<(), NodeError>(())
 //! ```
 //!
-//! # Own messages, services and actions
+//! # User-defined messages, services and actions
 //!
 //! The macros [`messages!`], [`services!`] and [`action!`] declare them. [`Node::serve`](ros::Node::serve) and
 //! [`Node::client`](ros::Node::client) serve and call services, [`ActionServer`](ros::ActionServer) and
@@ -92,7 +92,7 @@ pub mod keys;
 pub mod msg;
 pub mod ros;
 
-/// What the message macros expand to; not part of the interface.
+/// Paths that the message macros expand to; not part of the interface.
 #[doc(hidden)]
 pub mod __private {
     pub use crate::msg::ros_name;

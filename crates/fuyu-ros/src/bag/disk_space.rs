@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 /// Interval between attempts.
 const RETRY: Duration = Duration::from_millis(200);
 
-/// Repeats writes that fail because the disk is full, until there is space. A write that fails so has written nothing, so
-/// that the file continues where it stopped.
+/// Repeats writes that fail because the disk is full, until there is space. A failed write has written nothing, so the
+/// file continues without a gap.
 #[derive(Debug, Default)]
 pub(super) struct DiskSpace(Mutex<State>);
 
@@ -22,7 +22,7 @@ struct State {
 
 #[derive(Debug, Clone, Copy, Default)]
 enum Patience {
-    /// Errors are returned at once.
+    /// Do not wait: return errors at once.
     #[default]
     None,
     Endless,
@@ -35,12 +35,12 @@ impl DiskSpace {
         self.lock().patience = Patience::Endless;
     }
 
-    /// Waits for space only for this time from now.
+    /// Waits for space at most this long from now.
     pub fn give_up_after(&self, time: Duration) {
         self.lock().patience = Patience::Until(Instant::now() + time);
     }
 
-    /// The error because of which a write waits at present.
+    /// The error of the write that is waiting now.
     pub fn problem(&self) -> Option<String> {
         self.lock().problem.clone()
     }

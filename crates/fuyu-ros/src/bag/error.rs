@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::msg::cdr::CdrError;
 
-/// Why a bag cannot be written or read. Each message names the bag and what would be right.
+/// Why a bag cannot be written or read. Each message names the bag and the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum BagError {
     /// The folder exists. Bags are never overwritten.
@@ -27,7 +27,7 @@ pub enum BagError {
     Unsupported {
         /// Path of the bag or file.
         path: PathBuf,
-        /// What it uses, and what to do about it.
+        /// What is not supported, and a remedy.
         what: String,
     },
     /// A file system error.
@@ -99,7 +99,7 @@ impl BagError {
 
     pub(super) fn mcap(path: &Path) -> impl Fn(mcap::McapError) -> Self {
         move |source| match source {
-            // Its text hides that of the operating system.
+            // The text of `McapError::Io` hides that of the operating system.
             mcap::McapError::Io(source) => Self::io(path)(source),
             source => Self::Mcap {
                 path: path.to_owned(),

@@ -1,14 +1,14 @@
 //! Limits of the memory that a reader allocates for a bag.
 //!
-//! Sizes in a file are claims. Lengths within a record must fit into it, and compressed data may expand to 64 MiB, or to
-//! 1000 times their size if that is more, but never beyond 1 GiB. Recordings of states expand two- to tenfold; a chunk of
-//! one-coloured images expands more than a thousandfold, but is smaller than 64 MiB.
+//! Sizes that a file states are not trusted. Lengths within a record must fit into it. Compressed data may expand to 64
+//! MiB, or to 1000 times their size if that is more, but never beyond 1 GiB. Recordings of states expand two- to
+//! tenfold; a chunk of one-coloured images expands more than a thousandfold, but is smaller than 64 MiB.
 
 use std::io::Read;
 
 use mcap::records::op;
 
-/// Largest quotient of the sizes of data and compressed data, beyond [`ALWAYS`].
+/// Largest expansion ratio (size of the data to that of the compressed data) beyond [`ALWAYS`].
 const EXPANSION: u64 = 1000;
 /// Compressed data of any size may expand to this \[bytes\].
 const ALWAYS: u64 = 64 << 20;
@@ -38,11 +38,11 @@ pub(super) fn decompress(data: &[u8]) -> Result<Vec<u8>, String> {
 
 /// One part of a record's body.
 enum Part {
-    /// As many bytes.
+    /// This many bytes.
     Fixed(usize),
-    /// A length of four bytes and as many bytes.
+    /// A length of four bytes, then that many bytes.
     Counted,
-    /// A length of four bytes and, in as many bytes, pairs of texts.
+    /// A length of four bytes, then pairs of texts in that many bytes.
     TextPairs,
 }
 

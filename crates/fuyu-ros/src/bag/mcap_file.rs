@@ -237,7 +237,7 @@ impl McapFile {
                 let schema = self.schemas.get(&channel.schema_id).cloned();
                 let id = channel.id;
                 let topic = RecordedTopic::new(channel, schema.unwrap_or_default());
-                // Written again in the summary, and by some writers in every chunk.
+                // The declaration is repeated in the summary, and by some writers in every chunk.
                 self.topics.entry(id).or_insert_with(|| Arc::new(topic));
                 None
             }
@@ -257,7 +257,8 @@ impl McapFile {
         }
     }
 
-    /// A channel's declaration stood in a damaged chunk: the summary at the end repeats it.
+    /// Reports a message of a channel without declaration: it was in a damaged chunk, and the summary at the end
+    /// repeats it.
     fn lost_channel(&mut self, id: u16) {
         let known = summary(&self.path).ok().flatten().and_then(|s| {
             let channel = s.channels.get(&id)?;
@@ -268,7 +269,7 @@ impl McapFile {
                 self.topics.insert(id, topic);
             }
             None => {
-                // Said once; further messages of the channel are skipped without another word.
+                // Reported once; further messages of the channel are skipped silently.
                 let what = format!("messages of channel {id}, whose declaration is lost");
                 if !self.damage.iter().any(|d| d.what == what) {
                     self.damaged(what);
@@ -409,7 +410,7 @@ pub(super) fn summary(path: &Path) -> Result<Option<mcap::Summary>, BagError> {
                 reader.notify_read(read);
             }
             Ok(SummaryReadEvent::SeekRequest(to)) => {
-                // Beyond the end of the file: no footer, so no summary.
+                // The position is beyond the end of the file: there is no footer, hence no summary.
                 let Ok(position) = file.seek(to) else {
                     return Ok(None);
                 };

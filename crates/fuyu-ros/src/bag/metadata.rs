@@ -59,7 +59,7 @@ pub(super) struct FileInformation {
     pub message_count: u64,
 }
 
-/// First and last time of a recording, as rosbag2 states them.
+/// Start and duration of a recording in the form of `metadata.yaml`.
 pub(super) fn span(bounds: Option<(u64, u64)>) -> (SinceEpoch, Nanoseconds) {
     // rosbag2 gives an empty bag the largest possible start time.
     let (start, end) = bounds.unwrap_or((i64::MAX as u64, i64::MAX as u64));
@@ -118,7 +118,7 @@ impl Metadata {
     }
 }
 
-/// The part of the metadata that reading a bag needs; the rest is in the MCAP files.
+/// The fields of `metadata.yaml` that are needed to read a bag; all else is in the MCAP files.
 #[derive(Debug, Deserialize)]
 pub(super) struct Found {
     pub storage_identifier: String,

@@ -26,7 +26,7 @@ pub(super) struct Part {
 }
 
 impl Part {
-    /// Creates the file. `start` is the metadata written at its beginning, valid until it is closed.
+    /// Creates the file. `start` is the metadata record at its beginning, which counts until the file is closed.
     pub fn create(
         folder: &Path,
         name: String,
@@ -130,7 +130,7 @@ impl Part {
         self.mcap
             .write_to_known_channel(&header, cdr)
             .map_err(BagError::mcap(&self.path))?;
-        // Sequence numbers wrap, as those of the publisher do.
+        // Sequence numbers wrap, like those of a publisher.
         self.counts[topic] = self.counts[topic].wrapping_add(1);
         self.messages += 1;
         self.bounds = metadata::extend(self.bounds, log_time);

@@ -21,7 +21,7 @@ pub struct Qos {
     pub lifespan: QosDuration,
     /// How a publisher asserts its liveliness.
     pub liveliness: Liveliness,
-    /// Time without such an assertion after which it counts as dead.
+    /// Time without an assertion of liveliness after which the publisher counts as dead.
     pub liveliness_lease_duration: QosDuration,
     /// Whether topic names have no ROS prefix.
     #[serde(default)]
@@ -80,9 +80,9 @@ impl From<ros::Qos> for Qos {
 }
 
 impl Qos {
-    /// The profile for one publisher that replaces several with these profiles: their common policies, and where they
-    /// differ the policy compatible with most subscribers. Deadlines and lifespans are omitted, since the replay
-    /// rate may differ.
+    /// The profile for one publisher in place of several with these profiles: the policies that they have in common
+    /// and, where they differ, the policy that is compatible with most subscribers. Deadlines and lifespans are
+    /// omitted, since the replay rate may differ.
     pub fn offer(profiles: &[Self]) -> ros::Qos {
         let all = |is: fn(&Self) -> bool| !profiles.is_empty() && profiles.iter().all(is);
         let depth = profiles.iter().map(|q| q.depth).max().unwrap_or(0);

@@ -95,7 +95,7 @@ impl Bag {
         let path = path.into();
         let files = present_files(&path)?;
         let mut bag = Self::with_files(path, files, None)?;
-        // The only field used of it: the files do not contain this information.
+        // Only this field of `metadata.yaml` is used: the files do not contain its information.
         bag.packed = bag.path.is_dir()
             && Found::read(&bag.path).is_ok_and(|found| found.is_some_and(|m| m.is_packed()));
         Ok(bag)
@@ -140,7 +140,7 @@ impl Bag {
         self.ros_distro.as_deref()
     }
 
-    /// Topics, counts, times and sizes. Files with a summary are fast; others are read completely.
+    /// Topics, counts, times and sizes. Fast for files with a summary; other files are read completely.
     ///
     /// # Errors
     /// [`BagError::Io`] if a file cannot be read.

@@ -12,17 +12,17 @@ use std::time::{Duration, Instant};
 use super::disk_space::DiskSpace;
 use super::{BagError, Recording, Topic, Writer};
 
-/// Longest time that a message stays in an open chunk; a killed process loses the open chunk, and what waits for the
-/// thread: a second altogether, if samples waited for [`GATHERING`] before they were enqueued, too.
+/// Longest time that a message stays in an open chunk. A killed process loses the open chunk and the messages that wait
+/// for the thread: at most one second of messages, including a wait of [`GATHERING`] before they are enqueued.
 const CHUNK_AGE: Duration = Duration::from_millis(900);
 
-/// How long messages may wait for the thread, which writes several at once instead of being woken for each.
+/// How long messages may wait for the writing thread, which then writes several at once instead of waking for each.
 pub const GATHERING: Duration = Duration::from_millis(50);
 
 /// Queue capacity in bytes before messages are dropped: more than three seconds at 20 MB/s.
 pub const QUEUE_BYTES: usize = 64 << 20;
 
-/// Longest wait for space on a full disk after the recording was finished.
+/// Longest wait for space on a full disk after the end of the recording.
 const LAST_WAIT: Duration = Duration::from_secs(2);
 
 /// Memory of a queued message [B], including the queue's overhead.
@@ -70,7 +70,7 @@ struct Shared {
 }
 
 impl Shared {
-    /// Ends the thread's wait for more messages.
+    /// Ends the thread's wait for further messages.
     fn hurry(&self) {
         if let Some(thread) = self.thread.get() {
             thread.unpark();
@@ -108,9 +108,9 @@ pub struct RecorderStatus {
     pub queued_bytes: usize,
     /// Capacity of the queue in bytes.
     pub queue_capacity: usize,
-    /// Why writing waits: the disk is full.
+    /// The error because of which writing waits: the disk is full.
     pub waiting: Option<String>,
-    /// Why writing has stopped.
+    /// The error because of which writing has stopped.
     pub failure: Option<String>,
 }
 
@@ -343,7 +343,7 @@ fn run(
     let mut topics = Vec::new();
     // Deadline for closing the open chunk.
     let mut due: Option<Instant> = None;
-    // After a message more are likely.
+    // After a message, further ones are likely: the thread waits to gather them.
     let mut gathers = false;
     loop {
         let mut waiting = receiver.try_recv();

@@ -120,7 +120,8 @@ pub struct Recording {
     pub messages: u64,
     /// Number of messages of each topic, in the order of their declaration.
     pub topics: Vec<(String, u64)>,
-    /// Messages dropped because the queue was full; a [`Writer`] alone drops none.
+    /// Number of messages dropped because the queue of a [`Recorder`](super::Recorder) was full; a [`Writer`] itself
+    /// drops none.
     pub dropped: u64,
     /// First and last log time \[ns\].
     pub bounds: Option<(u64, u64)>,
@@ -128,13 +129,13 @@ pub struct Recording {
     pub size: u64,
 }
 
-/// Writes a bag on the caller's thread. The same calls give the same bytes, independent of the clock.
+/// Writes a bag on the caller's thread. The same calls give the same bytes: nothing depends on the clock.
 pub struct Writer {
     folder: PathBuf,
     name: String,
     options: WriterOptions,
     part: Part,
-    /// The files before that one, and their size.
+    /// The files before the current one, with their sizes.
     closed: Vec<FileInformation>,
     closed_size: u64,
     topics: Vec<Entry>,
@@ -185,7 +186,7 @@ impl Writer {
         })
     }
 
-    /// How writes wait for space on a full disk; by default they fail.
+    /// Policy of writes on a full disk; by default they fail at once.
     pub(super) fn space(&self) -> &Arc<DiskSpace> {
         &self.space
     }

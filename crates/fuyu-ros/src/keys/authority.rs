@@ -8,7 +8,7 @@ use std::time::{Duration, SystemTime};
 
 use super::KeyError;
 
-/// Clocks of computers may differ by so much.
+/// Certificates are valid from this long ago, since the clocks of computers may differ.
 const CLOCK_DIFFERENCE: Duration = Duration::from_secs(600);
 
 /// Signs certificates.
@@ -17,7 +17,7 @@ pub(super) struct Authority {
     issuer: Issuer<'static, KeyPair>,
 }
 
-/// A certificate with its key, both in PEM.
+/// A certificate and its private key, both in PEM.
 pub(super) struct Identity {
     pub(super) certificate: String,
     pub(super) key: String,
@@ -35,17 +35,18 @@ impl Authority {
         })
     }
 
-    /// PEM of its own certificate.
+    /// The authority's own certificate, in PEM.
     pub(super) fn certificate(&self) -> String {
         self.certificate.pem()
     }
 
-    /// PEM of its key.
+    /// The authority's private key, in PEM.
     pub(super) fn key(&self) -> String {
         self.issuer.key().serialize_pem()
     }
 
-    /// A certificate for `name`, the common name that access control knows; of a server if a `host` is given.
+    /// Issues a certificate with `name` as common name, by which access control recognises the holder; with a `host` it
+    /// is a server's.
     pub(super) fn identity(
         &self,
         name: &str,
@@ -74,7 +75,7 @@ fn parameters(name: &str, validity: Duration) -> Result<CertificateParams, KeyEr
     let mut params = CertificateParams::new(Vec::new())?;
     params.distinguished_name.remove(DnType::CommonName);
     params.distinguished_name.push(DnType::CommonName, name);
-    // Seconds of 1970 to 2100.
+    // Seconds from 1970 to 2100.
     const LATEST: Duration = Duration::from_secs(4_102_444_800);
     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
     let now = now.unwrap_or_default();

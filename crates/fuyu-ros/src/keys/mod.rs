@@ -1,5 +1,5 @@
-//! Keys and configurations for authenticated Zenoh: a certificate authority, a router that accepts only its
-//! certificates, and one configuration for each [`Role`], which says what its holder may do.
+//! Keys and configurations for authenticated Zenoh: a certificate authority, a router that accepts only certificates of
+//! that authority, and one configuration for each [`Role`], which defines the permissions of its holder.
 //!
 //! Every configuration is one self-contained file, which can be copied to another computer. The router enforces the
 //! permissions of the roles ([`router`]). Sessions of a role connect to the router only, so that no message bypasses it.
@@ -23,7 +23,7 @@ pub use role::Role;
 /// Options of a set of keys: address of the router, validity.
 #[derive(Debug, Clone)]
 pub struct KeyOptions {
-    /// Host name or IP address of the router, as the others reach it.
+    /// Host name or IP address at which the other computers reach the router.
     pub host: String,
     /// TCP port of the router.
     pub port: u16,
@@ -38,9 +38,9 @@ pub enum KeyError {
     /// A file or folder cannot be written; existing ones are not overwritten.
     #[error("{}: {source}", .path.display())]
     File {
-        /// Which.
+        /// The file or folder.
         path: PathBuf,
-        /// Why.
+        /// The error of the operating system.
         source: io::Error,
     },
     /// An option does not make sense.
@@ -51,8 +51,8 @@ pub enum KeyError {
     Certificate(#[from] rcgen::Error),
 }
 
-/// Creates `folder` with `authority.pem`, `authority.key`, `router.json5` and `ROLE.json5` for each role, which only
-/// the owner may read. Returns the paths.
+/// Creates `folder` with `authority.pem`, `authority.key`, `router.json5` and `ROLE.json5` for each role. Only the
+/// owner may read the files. Returns their paths.
 ///
 /// # Errors
 /// [`KeyError`]; nothing that exists is overwritten.

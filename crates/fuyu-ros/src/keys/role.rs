@@ -1,15 +1,15 @@
-//! Roles: who may do what.
+//! Roles: sets of permissions.
 
-/// Holder of a configuration.
+/// Role of the holder of a certificate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// The robot: may do everything.
+    /// The robot: all permissions.
     Robot,
-    /// Nodes that control the robot: may read everything, publish commands, estimates and reports, serve and call.
+    /// Nodes that control the robot: read everything, publish commands, estimates and reports, offer and call services.
     Controller,
-    /// A person who steers: may read everything, publish goals and inputs, and call services and actions.
+    /// A person who operates the robot: read everything, publish goals and inputs, call services and actions.
     Operator,
-    /// May read everything, and do nothing else.
+    /// Read everything, nothing else.
     Viewer,
 }
 
@@ -42,10 +42,10 @@ const INPUTS: [&str; 8] = [
 ];
 
 impl Role {
-    /// All of them.
+    /// All roles.
     pub const ALL: [Self; 4] = [Self::Robot, Self::Controller, Self::Operator, Self::Viewer];
 
-    /// As files and certificates are named: `viewer`.
+    /// The name in file names and certificates: `viewer`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Robot => "robot",
@@ -55,7 +55,7 @@ impl Role {
         }
     }
 
-    /// Names of topics that it may publish on, in any namespace; `None` for all.
+    /// Names of the topics that the role may publish, in any namespace; `None` for all topics.
     pub(super) fn topics(self) -> Option<Vec<&'static str>> {
         match self {
             Self::Robot => None,
@@ -65,12 +65,12 @@ impl Role {
         }
     }
 
-    /// Whether it may call services and actions, and so set parameters.
+    /// Whether the role may call services and actions, and thus set parameters.
     pub(super) fn may_call(self) -> bool {
         self != Self::Viewer
     }
 
-    /// Whether it may offer services; every node with parameters does.
+    /// Whether the role may offer services, as every node with parameters does.
     pub(super) fn may_serve(self) -> bool {
         self != Self::Viewer
     }

@@ -1,14 +1,14 @@
 //! Configuration of the router, which enforces the permissions of the roles.
 //!
 //! The flow `ingress` goes from the holder of a certificate to the router, `egress` from the router to the holder.
-//! All that no rule allows is denied. Keys of data are `domain/name/type/hash`, tokens of the graph begin with
+//! Whatever no rule allows is denied. Keys of data are `domain/name/type/hash`, liveliness tokens begin with
 //! `@ros2_lv`, and caches of latched topics have keys with `@adv`, which `**` does not match.
 
 use super::{Role, authority::Authority, authority::Identity, tls};
 
-/// Everything that ROS uses.
+/// Key expressions of everything that ROS uses.
 const ALL: &str = r#"["**", "@ros2_lv/**", "**/@adv/**"]"#;
-/// Keys of caches.
+/// Key expressions of the caches of latched topics.
 const CACHES: &str = r#"["**/@adv/**"]"#;
 
 /// A rule of access control.
@@ -47,7 +47,7 @@ impl Rule {
     }
 }
 
-/// Rights of all roles: read, and be discovered.
+/// Permissions of all roles: read, and be discovered.
 fn reading() -> Vec<Rule> {
     let interests = &[
         "declare_subscriber",
@@ -64,7 +64,7 @@ fn reading() -> Vec<Rule> {
     ]
 }
 
-/// Further rights of a role.
+/// Additional permissions of a role.
 fn writing(role: Role) -> Vec<Rule> {
     let name = role.name();
     let id = |what| format!("{name}-{what}");
@@ -86,7 +86,7 @@ fn writing(role: Role) -> Vec<Rule> {
     };
     let mut rules = Vec::new();
     if !topics.is_empty() {
-        // In any domain and namespace, of any type; and the caches of the same topics.
+        // The topics in any domain and namespace, with any type, and their caches.
         let keys = topics.iter().flat_map(|topic| {
             let key = format!("*/**/{topic}/*/*");
             [format!("{key}/@adv/**"), key]
@@ -125,7 +125,7 @@ fn writing(role: Role) -> Vec<Rule> {
     rules
 }
 
-/// The configuration of a router at this port.
+/// The configuration of a router that listens at this port.
 pub(super) fn configuration(port: u16, identity: &Identity, authority: &Authority) -> String {
     let (mut rules, mut subjects, mut policies) = (Vec::new(), Vec::new(), Vec::new());
     let reading = reading();

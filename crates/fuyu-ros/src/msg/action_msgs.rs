@@ -67,13 +67,13 @@ pub mod services {
     }
 
     impl CancelGoalResponse {
-        /// All were or are to be cancelled.
+        /// All goals that the request selects are being cancelled.
         pub const ERROR_NONE: i8 = 0;
-        /// None can be cancelled.
+        /// None of the goals can be cancelled.
         pub const ERROR_REJECTED: i8 = 1;
         /// There is no such goal.
         pub const ERROR_UNKNOWN_GOAL_ID: i8 = 2;
-        /// It has ended already.
+        /// The goal has ended already.
         pub const ERROR_GOAL_TERMINATED: i8 = 3;
     }
 }

@@ -14,7 +14,7 @@ pub enum CdrError {
     /// Too short for a header, or a representation other than plain CDR.
     #[error("not plain CDR: it starts with {0:02x?}, expected 00 00 or 00 01")]
     Encapsulation(Vec<u8>),
-    /// Does not decode.
+    /// The bytes after the header do not decode as the type.
     #[error("not a {type_name}: {source}")]
     Body {
         /// ROS type that was expected.
@@ -43,12 +43,12 @@ pub fn encode_into<M: Interface>(message: &M, bytes: &mut Vec<u8>) {
 /// The message in `bytes`, of either byte order.
 ///
 /// # Errors
-/// [`CdrError`] if the header is not that of plain CDR, or the rest ends early or holds what the type cannot.
+/// [`CdrError`] if the header is not that of plain CDR, the bytes end early, or a value is invalid for its type.
 pub fn decode<M: Interface>(bytes: &[u8]) -> Result<M, CdrError> {
     decode_as(bytes, &M::DEFINITION.type_name())
 }
 
-/// The same for what is not declared as a message, with the name of its type for errors.
+/// As [`decode`], for a type that is not declared as a message; `type_name` is the name for errors.
 pub(crate) fn decode_as<T: DeserializeOwned>(bytes: &[u8], type_name: &str) -> Result<T, CdrError> {
     let decoded = match bytes {
         [0, 0, _, _, body @ ..] => cdr_encoding::from_bytes::<T, BigEndian>(body),

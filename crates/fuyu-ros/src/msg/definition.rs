@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::{Base, FieldType, type_hash};
 
-/// Stands in CDR and in type hashes for the field that an empty message lacks, but not in its text.
+/// Name of the dummy field of an empty message: part of its CDR and of its type hash, but not of its `.msg` text.
 pub(super) const EMPTY_MEMBER: &str = "structure_needs_at_least_one_member";
 
 /// Name, constants and fields of a message.
@@ -12,7 +12,7 @@ pub(super) const EMPTY_MEMBER: &str = "structure_needs_at_least_one_member";
 pub struct Definition {
     /// ROS package, `geometry_msgs`.
     pub package: &'static str,
-    /// Message, or part of a service.
+    /// Kind of interface file that declares the type.
     pub kind: Kind,
     /// Name within the package, `Pose`.
     pub name: &'static str,
@@ -24,19 +24,20 @@ pub struct Definition {
     pub fields: &'static [FieldDefinition],
 }
 
-/// Which kind of interface file declares a type.
+/// Kind of interface file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// A `.msg` file.
     Msg,
     /// A `.srv` file; the type is its request or response.
     Srv,
-    /// An `.action` file; the type is one of those that follow from it.
+    /// An `.action` file; the type is one of the messages, or a request or response of one of the services, that make
+    /// up the action.
     Action,
 }
 
 impl Kind {
-    /// As it stands in the names of types, `msg`.
+    /// The middle part of a type name, `msg`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Msg => "msg",
@@ -101,8 +102,8 @@ impl Definition {
         out
     }
 
-    /// The `ros2msg` schema of a bag: this message's text, then that of every message it contains,
-    /// each behind a line of 80 `=` and `MSG: pkg/Name`.
+    /// The `ros2msg` schema of a bag: this message's text, then the text of every message it contains, each after a
+    /// line of 80 `=` and a line `MSG: pkg/Name`.
     pub fn schema_text(&self) -> String {
         let mut out = self.msg_text();
         for d in self.dependencies() {
@@ -118,7 +119,7 @@ impl Definition {
         out
     }
 
-    /// Every message contained in this one, directly or not, each once, in order of first appearance.
+    /// Every message that this one contains, directly or indirectly, each once, in order of first appearance.
     pub fn dependencies(&self) -> Vec<&'static Definition> {
         fn visit(d: &Definition, seen: &mut Vec<&'static Definition>) {
             for f in d.fields {
@@ -137,8 +138,7 @@ impl Definition {
         seen
     }
 
-    /// RIHS01 hash of the type (REP-2011): the same for every node that has the same definition,
-    /// `RIHS01_` and 64 hexadecimal digits.
+    /// RIHS01 hash of the type (REP-2011): `RIHS01_` and 64 hexadecimal digits. Equal definitions have equal hashes.
     pub fn type_hash(&self) -> String {
         type_hash::rihs01(self)
     }
@@ -158,7 +158,7 @@ fn separate(out: &mut String) {
     }
 }
 
-/// A Rust field name as ROS writes it: `r#type` is `type`.
+/// The ROS name of a Rust field: `type` for `r#type`.
 #[doc(hidden)]
 pub const fn ros_name(rust: &'static str) -> &'static str {
     match rust.as_bytes() {
@@ -235,7 +235,7 @@ mod tests {
         assert!(Bounded::<_, 1>::try_from(vec![range.clone()]).is_ok());
         let error = Bounded::<_, 1>::try_from(vec![range.clone(), range.clone()]).unwrap_err();
         assert_eq!(error.to_string(), "2 elements where at most 1 are allowed");
-        // Nor when it comes from outside: the same bytes with two elements are refused.
+        // Bytes from a peer are checked as well: two elements are rejected.
         #[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
         struct Two(Vec<rcl_interfaces::IntegerRange>);
         let bytes =

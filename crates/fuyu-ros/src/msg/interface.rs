@@ -82,7 +82,7 @@ pub trait Field {
 pub struct FieldType {
     /// Type of one element.
     pub base: Base,
-    /// How many elements.
+    /// Whether the field is one element, an array or a sequence.
     pub shape: Shape,
 }
 
@@ -107,7 +107,7 @@ pub enum Base {
     Message(&'static Definition),
 }
 
-/// How many elements a field holds.
+/// Number of elements of a field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
     /// One element: `T`.

@@ -1,8 +1,8 @@
-//! ROS 2 messages: from one declaration follow the Rust struct, the `.msg` text, the schema in a bag, the RIHS01 type
-//! hash and the serialization (CDR).
+//! ROS 2 messages. One declaration gives the Rust struct, the `.msg` text, the schema in a bag, the RIHS01 type hash
+//! and the serialization (CDR).
 //!
-//! Each ROS package is a module of its own. [`Interface`] is what every message implements;
-//! [`find`] returns a definition by its ROS type name. Own messages are declared with [`messages!`](crate::messages).
+//! Each ROS package is a module. All messages implement [`Interface`]; [`find`] returns the definition of a ROS type
+//! name. [`messages!`](crate::messages) declares further messages.
 //!
 //! ```
 //! use fuyu_ros::msg::{Interface, sensor_msgs::JointState};

@@ -1,4 +1,5 @@
-//! Scan of a serialized message with a known definition: its header stamp, and numbers that are not finite.
+//! Scan of a serialized message with a known definition, for the stamp of its header and for numbers that are not
+//! finite.
 
 use super::builtin_interfaces::Time;
 use super::{Base, Definition, Shape};
@@ -6,9 +7,9 @@ use super::{Base, Definition, Shape};
 /// Result of a scan.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Scan {
-    /// Stamp of its header, if it has one.
+    /// Stamp of the message's header, if it has one.
     pub stamp: Option<Time>,
-    /// The first field that holds NaN or an infinity, `pose.position.x` or `effort[2]`.
+    /// Name of the first field that is NaN or infinite, such as `pose.position.x` or `effort[2]`.
     pub not_finite: Option<String>,
 }
 
@@ -179,7 +180,7 @@ mod tests {
         joints.name = vec!["a".into(), "bc".into()];
         joints.effort = vec![1.0];
         assert_eq!(scanned(&joints).stamp, Some(stamp.clone()));
-        // A transform's header is not the message's own.
+        // The header of a contained transform is not the header of the message.
         let mut t = geometry_msgs::TransformStamped::default();
         t.header.stamp = stamp;
         assert!(scanned(&t).stamp.is_some());

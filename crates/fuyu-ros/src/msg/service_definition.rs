@@ -7,7 +7,7 @@ use super::{Definition, Interface, Kind, Service, type_hash};
 pub struct ServiceDefinition {
     /// ROS package, `std_srvs`.
     pub package: &'static str,
-    /// Of a `.srv` file, or part of an action.
+    /// Kind of interface file: `.srv`, or `.action` for a service of an action.
     pub kind: Kind,
     /// Name within the package, `SetBool`.
     pub name: &'static str,
@@ -18,7 +18,7 @@ pub struct ServiceDefinition {
 }
 
 impl ServiceDefinition {
-    /// That of `S`.
+    /// The definition of the service `S`.
     pub fn of<S: Service>() -> Self {
         Self {
             package: S::PACKAGE,

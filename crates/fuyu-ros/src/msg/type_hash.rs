@@ -27,7 +27,8 @@ fn hash(described: &str, referenced: &[String]) -> String {
     hash
 }
 
-/// A service is described as a message with its request, its response and its event, whose message follows from both.
+/// RIHS01 hash of a service: that of a message with the fields request, response and event, whose event message
+/// contains the other two.
 pub(super) fn rihs01_of_service(service: &ServiceDefinition) -> String {
     let name = service.type_name();
     let event = format!("{name}_Event");
@@ -61,10 +62,11 @@ pub(super) fn rihs01_of_service(service: &ServiceDefinition) -> String {
     hash(&described(&name, &fields), &referenced)
 }
 
-/// What an event of a service says about itself.
+/// Message type with the metadata of a service event.
 const EVENT_INFO: &str = "service_msgs/msg/ServiceEventInfo";
 
-/// Numbers of type_description_interfaces/msg/FieldType: a message, and what is added for arrays and bounded sequences.
+/// Type ids of `type_description_interfaces/msg/FieldType`: a message, and the offsets for arrays and bounded
+/// sequences.
 const MESSAGE: usize = 1;
 const ARRAY: usize = 48;
 const BOUNDED: usize = 96;
@@ -131,12 +133,12 @@ mod tests {
     fn hashes_are_those_of_ros() {
         let cases = [
             (
-                // All shapes but one: fixed arrays, sequences, nested messages twice deep.
+                // All kinds of fields but bounded sequences: fixed arrays, sequences, and messages nested two deep.
                 sensor_msgs::CameraInfo::DEFINITION,
                 "RIHS01_b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275",
             ),
             (
-                // An array declared as nested ones.
+                // An array that Rust declares as nested arrays.
                 nav_msgs::Odometry::DEFINITION,
                 "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
             ),
@@ -146,12 +148,12 @@ mod tests {
                 "RIHS01_52175dbfda6c51153101d33d2a9da05743f66f02d5ab2ca9ec4709b46b73d704",
             ),
             (
-                // No fields at all.
+                // No fields.
                 std_msgs::Empty::DEFINITION,
                 "RIHS01_20b625256f32d5dbc0d04fee44f43c41e51c70d3502f84b4a08e7a9c26a96312",
             ),
             (
-                // Ours, as rosidl hashes msg/Momentum.msg.
+                // A message of this project, as rosidl hashes `msg/Momentum.msg`.
                 fuyu_msgs::Momentum::DEFINITION,
                 "RIHS01_0adc397bf3b06173447fd54f95563e1a9f38e4be8c03d347ba848ba67cbc3647",
             ),
@@ -164,7 +166,7 @@ mod tests {
                 "RIHS01_b32dbc5b16464fc25accec8d5efefd0a558c3cdfdf18507cb76810f4d0ce69c9",
             ),
             (
-                // Part of a service.
+                // Request of a service.
                 std_srvs::SetBoolRequest::DEFINITION,
                 "RIHS01_c62fbb99d94e1b25e8ef9e109f9581956bb1b3361a45a4e5810c36a90d29932e",
             ),

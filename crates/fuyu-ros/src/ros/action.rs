@@ -1,6 +1,6 @@
 //! Action servers: long-running goals with feedback, a result and cancellation.
 //!
-//! In the graph an action is three services and two topics below `NAME/_action/`, as in rcl_action.
+//! In the ROS graph an action consists of three services and two topics below `NAME/_action/`, as in rcl_action.
 
 use std::{
     collections::VecDeque,
@@ -23,13 +23,14 @@ use crate::msg::{
 
 /// How long the result of a goal is kept after its end, as in rcl.
 const KEPT: Duration = Duration::from_secs(15 * 60);
-/// Largest number of goals at a time. Beyond it the oldest ended one is discarded; if none has ended, new goals are
-/// rejected.
+/// Largest number of goals, running and ended, that are remembered. Beyond it the goal that ended first is discarded;
+/// if none has ended, new goals are rejected.
 const KNOWN: usize = 64;
-/// Most requests for the result of a goal that wait for its end.
+/// Largest number of pending requests for the result of a goal that has not ended.
 const MAX_ASKING: usize = 64;
 
-/// Serves an action until it is dropped. Goals wait in a queue until the program takes them, and wake it.
+/// Serves an action until it is dropped. Goals wait in a queue until the program takes them; a new goal wakes the
+/// program.
 pub struct ActionServer<A: Action> {
     shared: Arc<Shared<A>>,
     _services: [ServiceServer; 3],
@@ -37,9 +38,9 @@ pub struct ActionServer<A: Action> {
 
 struct Shared<A: Action> {
     goals: Mutex<Vec<Known<A>>>,
-    /// Accepted goals that the program has not taken.
+    /// Accepted goals that the program has not taken yet.
     waiting: Mutex<VecDeque<(UUID, A::Goal)>>,
-    /// Goals that the program has to accept or reject.
+    /// Goals that the program has not accepted or rejected yet.
     requests: Mutex<VecDeque<Request<A>>>,
     feedback: Publisher<A::FeedbackMessage>,
     status: Publisher<GoalStatusArray>,
@@ -48,7 +49,7 @@ struct Shared<A: Action> {
 
 type Request<A> = (UUID, <A as Action>::Goal, Reply<<A as Action>::SendGoal>);
 
-/// A goal as clients may ask for it.
+/// A goal that clients may refer to: running, or ended a short time ago.
 struct Known<A: Action> {
     info: GoalInfo,
     status: i8,
@@ -66,7 +67,7 @@ impl<A: Action> ActionServer<A> {
         Self::serve(node, name, false)
     }
 
-    /// The same, but the program decides which goals are accepted: it takes them by [`Self::take_request`].
+    /// As [`Self::new`], but the program decides which goals are accepted: it takes them by [`Self::take_request`].
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -75,7 +76,7 @@ impl<A: Action> ActionServer<A> {
     }
 
     fn serve(node: &Node, name: &str, is_asked: bool) -> Result<Self, NodeError> {
-        // As in rcl, a rule for the name of the action holds for all of its parts.
+        // As in rcl, a remap rule for the action's name applies to all of its services and topics.
         let name = node.core.names.service(name)?;
         let below = |part: &str| format!("{name}/_action/{part}");
         let shared = Arc::new(Shared {
@@ -125,7 +126,7 @@ impl<A: Action> ActionServer<A> {
         })
     }
 
-    /// The oldest goal that waits to be accepted or rejected ([`Self::with_requests`]).
+    /// Takes the oldest goal that waits to be accepted or rejected ([`Self::with_requests`]).
     pub fn take_request(&self) -> Option<GoalRequest<A>> {
         let requests = &self.shared.requests;
         let next = requests
@@ -141,7 +142,7 @@ impl<A: Action> ActionServer<A> {
         })
     }
 
-    /// The oldest goal that waits; from now on it is being executed.
+    /// Takes the oldest accepted goal; its status becomes "executing".
     pub fn take(&self) -> Option<Goal<A>> {
         let waiting = &self.shared.waiting;
         let next = waiting
@@ -149,7 +150,7 @@ impl<A: Action> ActionServer<A> {
             .unwrap_or_else(PoisonError::into_inner)
             .pop_front();
         let (id, goal) = next?;
-        // One that was cancelled while it waited stays so.
+        // A goal that was cancelled while it waited keeps the status "canceling".
         self.shared
             .change(&id, GoalStatus::STATUS_EXECUTING, |status| {
                 status == GoalStatus::STATUS_ACCEPTED
@@ -163,10 +164,9 @@ impl<A: Action> ActionServer<A> {
     }
 }
 
-/// A goal that a client has sent and the program has to accept or reject. If it is dropped, the client gets no
-/// response.
+/// A goal that the program has to accept or reject. If it is dropped, the client gets no response.
 pub struct GoalRequest<A: Action> {
-    /// What the client asks for.
+    /// Goal of the client.
     pub goal: A::Goal,
     id: UUID,
     reply: Reply<A::SendGoal>,
@@ -174,8 +174,8 @@ pub struct GoalRequest<A: Action> {
 }
 
 impl<A: Action> GoalRequest<A> {
-    /// Accepts the goal; from now on it is being executed. `None` if too many goals are, or if its identity is not new:
-    /// then it is rejected.
+    /// Accepts the goal; its status becomes "executing". Returns `None` if there are too many goals or the goal's id is
+    /// not new: the goal is then rejected.
     pub fn accept(self) -> Option<Goal<A>> {
         let Self {
             goal,
@@ -206,7 +206,7 @@ impl<A: Action> GoalRequest<A> {
     }
 }
 
-/// Sends the client the time at which its goal was accepted, or that it is rejected.
+/// Responds to the client with the time at which its goal was accepted, or with a rejection.
 fn respond<A: Action>(
     reply: Reply<A::SendGoal>,
     stamp: Option<crate::msg::builtin_interfaces::Time>,
@@ -215,9 +215,9 @@ fn respond<A: Action>(
     reply.send(&A::goal_response(is_accepted, stamp.unwrap_or_default()));
 }
 
-/// A goal that is being executed. One that is dropped without an end is aborted.
+/// A goal that is being executed. Dropping it before it has ended aborts it.
 pub struct Goal<A: Action> {
-    /// What the client asks for.
+    /// Goal of the client.
     pub goal: A::Goal,
     id: UUID,
     shared: Arc<Shared<A>>,
@@ -231,7 +231,7 @@ impl<A: Action> Goal<A> {
         self.shared.feedback.publish(&message);
     }
 
-    /// Whether a client has requested its cancellation.
+    /// Whether a client has requested the cancellation of the goal.
     pub fn is_canceling(&self) -> bool {
         let goals = self.shared.lock();
         let known = goals.iter().find(|k| k.info.goal_id == self.id);
@@ -243,7 +243,7 @@ impl<A: Action> Goal<A> {
         self.end(GoalStatus::STATUS_SUCCEEDED, outcome);
     }
 
-    /// Ends the goal as canceled, after a request of a client.
+    /// Ends the goal as canceled, after a client's request.
     pub fn canceled(self, outcome: A::Outcome) {
         self.end(GoalStatus::STATUS_CANCELED, outcome);
     }
@@ -282,7 +282,7 @@ impl<A: Action> Shared<A> {
         Some(stamp)
     }
 
-    /// Keeps a goal for the program to accept or reject; too many are rejected at once.
+    /// Queues a goal for the program to accept or reject; rejects it at once if too many wait.
     fn ask_program(&self, id: UUID, goal: A::Goal, reply: Reply<A::SendGoal>) {
         let mut requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner);
         if requests.len() < KNOWN {
@@ -293,7 +293,7 @@ impl<A: Action> Shared<A> {
         }
     }
 
-    /// Makes a goal known. Returns the time of acceptance, or `None` if the goal is rejected.
+    /// Registers a new goal. Returns the time of acceptance, or `None` if the goal is rejected.
     fn register(&self, id: &UUID) -> Option<crate::msg::builtin_interfaces::Time> {
         let mut goals = self.lock();
         let old = |k: &Known<A>| k.ended.is_some_and(|at| at.elapsed() > KEPT);
@@ -320,7 +320,7 @@ impl<A: Action> Shared<A> {
         Some(stamp)
     }
 
-    /// As rcl_action selects: by identity, by time, by both, or all.
+    /// Cancels the selected goals. The selection is that of rcl_action: by id, by time, by both, or all goals.
     fn cancel(&self, request: &CancelGoalRequest) -> CancelGoalResponse {
         let (id, until) = (&request.goal_info.goal_id, request.goal_info.stamp.nanos());
         let by_id = *id != UUID::default();
@@ -349,7 +349,7 @@ impl<A: Action> Shared<A> {
         }
     }
 
-    /// Replies at once if the goal has ended or is unknown, otherwise when it ends.
+    /// Replies with the result of a goal: at once if the goal has ended or is unknown, otherwise when it ends.
     fn ask(&self, id: &UUID, reply: Reply<A::GetResult>) {
         let mut goals = self.lock();
         match goals.iter_mut().find(|k| k.info.goal_id == *id) {
@@ -360,7 +360,8 @@ impl<A: Action> Shared<A> {
             Some(known) => match &known.outcome {
                 Some(outcome) => reply.send(&A::result_response(known.status, outcome.clone())),
                 None if known.asking.len() < MAX_ASKING => known.asking.push(reply),
-                // A client that asks again and again for a result that is not there.
+                // Too many requests are pending: a client keeps repeating its request for a result that does not exist
+                // yet.
                 None => {}
             },
         }

@@ -16,7 +16,7 @@ use crate::msg::{
     unique_identifier_msgs::UUID,
 };
 
-/// Feedback messages that wait for the program; beyond that the oldest are dropped.
+/// Largest number of feedback messages that wait for the program; beyond it the oldest are dropped.
 const FEEDBACK_DEPTH: usize = 100;
 
 /// Sends goals to an action server of another node.
@@ -46,7 +46,7 @@ impl<A: Action> ActionClient<A> {
         })
     }
 
-    /// Waits until a server has been discovered, at most `timeout` (wall time). Returns whether it has.
+    /// Waits until a server has been discovered, at most `timeout` (wall time). Returns whether one was discovered.
     pub fn wait_for_server(&self, timeout: Duration) -> bool {
         self.send_goal.wait_for_service(timeout)
             && self.get_result.wait_for_service(timeout)
@@ -82,8 +82,8 @@ impl<A: Action> ActionClient<A> {
         }))
     }
 
-    /// Sends a goal without waiting for its acceptance, for programs that do not need its result: the acceptance wakes the
-    /// node's program.
+    /// Sends a goal without waiting for its acceptance, for programs that do not need the result. The server's response
+    /// wakes the node's program.
     ///
     /// # Errors
     /// [`CallError::NotSent`] if the transport does not accept the request.
@@ -93,7 +93,7 @@ impl<A: Action> ActionClient<A> {
         Ok(PendingGoal { response })
     }
 
-    /// Takes the feedback of one goal out of the received messages.
+    /// Removes the feedback of one goal from the received messages and returns it.
     fn take_feedback(&self, id: &UUID) -> Vec<A::Feedback> {
         let mut received = self.received.lock().unwrap_or_else(PoisonError::into_inner);
         while let Some(message) = self.feedback.take() {
@@ -109,13 +109,13 @@ impl<A: Action> ActionClient<A> {
     }
 }
 
-/// A goal whose acceptance has not been taken yet. From [`ActionClient::begin_goal`].
+/// A goal that the server has not accepted or rejected yet, from [`ActionClient::begin_goal`].
 pub struct PendingGoal<A: Action> {
     response: PendingCall<A::SendGoal>,
 }
 
 impl<A: Action> PendingGoal<A> {
-    /// Whether the server accepts the goal, once, when it has responded.
+    /// Whether the server accepts the goal: returned once, after its response has arrived.
     pub fn is_accepted(&self) -> Option<bool> {
         self.response
             .take()
@@ -123,7 +123,7 @@ impl<A: Action> PendingGoal<A> {
     }
 }
 
-/// A goal that the server has accepted. Feedback and result wake the node's program.
+/// A goal that the server has accepted. Its feedback and its result wake the node's program.
 pub struct GoalHandle<'a, A: Action> {
     client: &'a ActionClient<A>,
     id: UUID,
@@ -136,18 +136,18 @@ impl<A: Action> GoalHandle<'_, A> {
         &self.id
     }
 
-    /// Feedback that has arrived since the last call, oldest first.
+    /// Feedback of the goal since the last call, oldest first.
     pub fn feedback(&self) -> Vec<A::Feedback> {
         self.client.take_feedback(&self.id)
     }
 
-    /// Status (a constant of [`GoalStatus`](crate::msg::action_msgs::GoalStatus)) and result, once, when the goal has
-    /// ended.
+    /// Status (a constant of [`GoalStatus`](crate::msg::action_msgs::GoalStatus)) and result: returned once, after the
+    /// goal has ended.
     pub fn result(&self) -> Option<(i8, A::Outcome)> {
         self.result.take().map(A::result_of)
     }
 
-    /// Asks the server to cancel the goal; waits for its response at most `timeout` (wall time).
+    /// Requests the cancellation of the goal; waits for the server's response, at most `timeout` (wall time).
     ///
     /// # Errors
     /// [`CallError`] if the server does not respond.

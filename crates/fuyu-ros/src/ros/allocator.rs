@@ -4,15 +4,15 @@ use std::{thread, time::Duration};
 
 use super::signals;
 
-/// Blocks of at least this size are returned to the operating system as soon as they are freed \[bytes\]. This is glibc's
-/// initial value, which glibc would raise whenever a larger block is freed.
+/// Blocks of at least this size are returned to the operating system as soon as they are freed \[bytes\]. The value is
+/// glibc's initial one, which glibc would raise whenever a larger block is freed.
 #[cfg(target_env = "gnu")]
 const LARGE: i32 = 128 << 10;
 /// Period at which unused pages are returned.
 const PERIOD: Duration = Duration::from_secs(60);
 
-/// Makes freed memory return to the operating system, large blocks at once, others within a minute. To be called by the
-/// main function of a long-running process before it starts other threads. Has no effect with C libraries other than glibc.
+/// Makes freed memory return to the operating system: large blocks at once, others within a minute. The main function
+/// of a long-running process calls this before it starts other threads. No effect with C libraries other than glibc.
 ///
 /// A recorder frees a zstd context of some megabytes whenever it begins another file. By default glibc then keeps such
 /// blocks between small ones, and memory fragments: the recorder took 21 MB instead of 14.5, and half a megabyte more with

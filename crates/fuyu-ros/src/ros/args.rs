@@ -9,7 +9,7 @@ use super::{
     params_file::ParamsFile,
 };
 
-/// A ROS argument that cannot be understood.
+/// An invalid ROS argument.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("argument {argument:?}: {expected}")]
 pub struct ArgsError {
@@ -25,15 +25,15 @@ pub use tracing::level_filters::LevelFilter;
 pub enum ParameterSource {
     /// `--params-file FILE`
     File(PathBuf),
-    /// A parameter file that was read already.
+    /// A parameter file that has been read already.
     Read(ParamsFile),
     /// `-p [node:]name:=value`
     Value {
-        /// The node that it is for; `None` for all nodes.
+        /// The node that the value is for; `None` for all nodes.
         node: Option<String>,
         /// Name of the parameter.
         name: String,
-        /// Its value.
+        /// Value of the parameter.
         value: ParameterValue,
     },
 }
@@ -41,20 +41,20 @@ pub enum ParameterSource {
 /// The ROS arguments of a process.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RosArgs {
-    /// `-r` rules.
+    /// Remap rules, `-r`.
     pub remaps: Vec<Remap>,
-    /// `-p` and `--params-file`.
+    /// Parameters, `-p` and `--params-file`, in order.
     pub parameters: Vec<ParameterSource>,
     /// `--log-level LEVEL`
     pub log_level: Option<LevelFilter>,
     /// `--log-level LOGGER:=LEVEL`
     pub logger_levels: Vec<(String, LevelFilter)>,
-    /// Whether logs go to `/rosout`; on unless `--disable-rosout-logs`.
+    /// Whether logs are published on `/rosout`; false with `--disable-rosout-logs`.
     pub rosout: bool,
-    /// Whether logs go to stderr; on unless `--disable-stdout-logs`.
+    /// Whether logs are written to stderr; false with `--disable-stdout-logs`.
     pub console: bool,
-    /// Whether the process has a single node. That node must then know every parameter that `-p` sets. With several
-    /// nodes, `-p` without a node name applies to those that have such a parameter.
+    /// Whether the process has a single node, which must then declare every parameter that `-p` sets. With several
+    /// nodes, `-p` without a node name applies to those that declare such a parameter.
     pub only_node: bool,
 }
 
@@ -73,8 +73,8 @@ impl Default for RosArgs {
 }
 
 impl RosArgs {
-    /// Takes the sections `--ros-args ... --` out of `argv` (which starts after the program's name) and
-    /// returns them, and the remaining arguments.
+    /// Splits `argv` (without the program's name) into the parsed sections `--ros-args ... --` and the remaining
+    /// arguments.
     ///
     /// # Errors
     /// [`ArgsError`] names the argument and says what would be right.
@@ -154,15 +154,15 @@ impl RosArgs {
         Ok(())
     }
 
-    /// Adds a parameter file before all others, so that the command line overrides it.
+    /// Adds a parameter file before all others, so that arguments of the command line override it.
     #[must_use]
     pub fn with_scenario(mut self, file: ParamsFile) -> Self {
         self.parameters.insert(0, ParameterSource::Read(file));
         self
     }
 
-    /// The parameters that these arguments set for the node `name`, which is called `declared` before remapping.
-    /// Later ones override earlier ones.
+    /// The parameter values of these arguments for the node `name`, which is called `declared` before remapping. Later
+    /// values override earlier ones.
     ///
     /// # Errors
     /// [`NodeError::ParamsFile`] if a file cannot be read or is not a parameter file.
@@ -208,7 +208,7 @@ fn parse_level(argument: &str, level: &str) -> Result<LevelFilter, ArgsError> {
         "debug" => Ok(LevelFilter::DEBUG),
         "info" => Ok(LevelFilter::INFO),
         "warn" => Ok(LevelFilter::WARN),
-        // `tracing` has nothing above an error.
+        // `tracing` has no level above ERROR.
         "error" | "fatal" => Ok(LevelFilter::ERROR),
         _ => Err(wrong(
             argument,
@@ -217,7 +217,7 @@ fn parse_level(argument: &str, level: &str) -> Result<LevelFilter, ArgsError> {
     }
 }
 
-/// Splits `node:rest`; the scheme of a URL (`rostopic://`) is not a node.
+/// Splits `node:rest`. The scheme of a URL (`rostopic://`) is not a node name.
 fn split_node(text: &str) -> (Option<&str>, &str) {
     match text.split_once(':') {
         Some((node, rest)) if !rest.starts_with("//") => (Some(node), rest),
@@ -259,7 +259,7 @@ fn parse_remap(rule: &str) -> Result<Remap, ArgsError> {
     Ok(remap)
 }
 
-/// Checks that both sides of the rule are valid names. The node is not known yet, so a placeholder stands for it.
+/// Checks that both sides of a remap rule are valid names, with a placeholder for the node, which is not known yet.
 fn check_remap(remap: &Remap) -> Result<(), super::names::NameError> {
     let any = NodeName::new("/", "node")?;
     match &remap.target {

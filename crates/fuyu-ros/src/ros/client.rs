@@ -1,4 +1,4 @@
-//! Service clients: requests with a reply that arrives later, matched by the identity of the request sample.
+//! Service clients. A reply arrives later and is matched to its request by the identity of the request sample.
 
 use bytes::Bytes;
 use std::{
@@ -19,15 +19,16 @@ use super::{
 };
 use crate::msg::{Service, cdr};
 
-/// Longest time between two checks of a blocking wait: a stop request does not wake it.
+/// Period at which a blocking wait checks for a stop request, which does not wake it.
 const POLL_PERIOD: Duration = Duration::from_millis(10);
 
-/// Calls by their requests.
+/// Pending calls by the identity of their requests.
 type Calls<S> = HashMap<SampleIdentity, Waiting<S>>;
 
 /// A call whose response has not been taken yet.
 struct Waiting<S: Service> {
-    /// The reader that the request states. The server may name the request by it instead of its writer.
+    /// The reply reader that the request states. A server may identify the request by this reader instead of by its
+    /// writer.
     reply_reader: Option<Gid>,
     response: Option<S::Response>,
 }
@@ -78,7 +79,7 @@ impl<S: Service> ServiceClient<S> {
         let replies: Arc<Mutex<Calls<S>>> = Arc::default();
         let (received, events) = (Arc::clone(&replies), Arc::clone(&core.events));
         let sink = move |sample: RawSample, _: &Counters| {
-            // Every client of the service receives every reply.
+            // All clients of a service receive all replies, also those to other clients.
             let Some(request) = sample.related else {
                 return true;
             };
@@ -98,7 +99,7 @@ impl<S: Service> ServiceClient<S> {
             events.notify();
             true
         };
-        // The reader first, so that no reply is missed.
+        // The reader is created first, so that no reply is missed.
         let reader = core.add_reader(service_spec::<S>(full_name, REPLY), Box::new(sink))?;
         let requests = match core.add_writer(service_spec::<S>(full_name, REQUEST)) {
             Ok(writer) => writer,
@@ -120,7 +121,7 @@ impl<S: Service> ServiceClient<S> {
         &self.reader.spec.name
     }
 
-    /// Whether a server has been discovered: both of its endpoints.
+    /// Whether both endpoints of a server have been discovered.
     pub fn is_available(&self) -> bool {
         if self.requests.counters.local.load(Relaxed) > 0 {
             return true;
@@ -133,8 +134,8 @@ impl<S: Service> ServiceClient<S> {
         have_common_participant(&servers, &peers(&self.reader.counters))
     }
 
-    /// Waits until a server has been discovered, at most `timeout` (wall time). Returns [`Self::is_available`]. The server
-    /// may discover this client later; it replies then.
+    /// Waits until a server has been discovered, at most `timeout` (wall time). Returns [`Self::is_available`]. A
+    /// server that discovers this client later holds its reply until then.
     pub fn wait_for_service(&self, timeout: Duration) -> bool {
         let deadline = Instant::now() + timeout;
         while !self.is_available()
@@ -146,7 +147,7 @@ impl<S: Service> ServiceClient<S> {
         self.is_available()
     }
 
-    /// Sends a request without waiting for the response. The response wakes the node's program.
+    /// Sends a request without waiting for the response, which wakes the node's program.
     ///
     /// # Errors
     /// [`CallError::NotSent`] if the transport does not accept the request.
@@ -154,7 +155,7 @@ impl<S: Service> ServiceClient<S> {
         // Locked while the request is written, since the reply may arrive before the write returns.
         let mut replies = lock::<S>(&self.replies);
         let cdr: Bytes = cdr::encode(request).into();
-        // The server waits for the discovery of this reader before it replies.
+        // The server sends its reply only after it has discovered this reader.
         let reply_reader = self.reader.gid();
         let stated = reply_reader.map(|writer| SampleIdentity {
             writer,
@@ -185,8 +186,8 @@ impl<S: Service> ServiceClient<S> {
         })
     }
 
-    /// Waits for a server if none has been discovered, sends a request and waits for the response: at most `timeout` in
-    /// total (wall time).
+    /// Sends a request and waits for the response, at most `timeout` in total (wall time). If no server has been
+    /// discovered yet, it waits for one first.
     ///
     /// # Errors
     /// [`CallError`] if no response arrives.
@@ -233,7 +234,7 @@ impl<S: Service> PendingCall<S> {
         (replies.get(&self.identity)).is_some_and(|call| call.response.is_some())
     }
 
-    /// The response, once, if it has arrived.
+    /// The response if it has arrived; only the first call returns it.
     pub fn take(&self) -> Option<S::Response> {
         let mut replies = lock::<S>(&self.replies);
         replies.get_mut(&self.identity)?.response.take()

@@ -1,4 +1,4 @@
-//! The clock of a node: the computer's, or `/clock` if `use_sim_time` is set.
+//! The clock of a node: the computer's clock or, if `use_sim_time` is set, simulated time from `/clock`.
 
 use std::{
     sync::{
@@ -19,13 +19,13 @@ pub struct Clock {
 #[derive(Debug)]
 struct Inner {
     simulated: AtomicBool,
-    /// Whether the program sets the time.
+    /// Whether the node's program sets the time ([`Clock::drive`]).
     driven: AtomicBool,
-    /// The last `/clock` [ns]; zero before the first.
+    /// Last time received on `/clock` [ns]; zero before the first message.
     now: AtomicI64,
-    /// How often the time was taken from another publisher of `/clock` while the one before still published.
+    /// Number of changes to another publisher of `/clock` while the previous one was still publishing.
     changes_of_publisher: AtomicU64,
-    /// The publisher of `/clock` whose time this is.
+    /// The publisher of `/clock` that sets the time.
     followed: Mutex<Option<Gid>>,
     events: Arc<Events>,
 }
@@ -44,7 +44,7 @@ impl Clock {
         }
     }
 
-    /// The time: of the computer, or the last one received on `/clock` (zero before the first).
+    /// The present time: of the computer, or the last one received on `/clock` (zero before the first message).
     pub fn now(&self) -> Time {
         if self.is_simulated() {
             Time::from_nanos(self.inner.now.load(Ordering::Acquire))
@@ -63,20 +63,20 @@ impl Clock {
         self.inner.events.notify();
     }
 
-    /// Makes this node's time that of the simulation that its program runs; it follows `/clock` no longer, which it publishes
-    /// itself. From the first call on stamps,
-    /// timers, log and diagnostics show the last time that was driven, whatever `use_sim_time` says;
-    /// waits must have a limit in wall time, as in [`Node::wait_for`](crate::ros::Node::wait_for).
+    /// Sets the time of a node whose program runs the simulation and publishes `/clock` itself; the node ignores
+    /// received `/clock` messages from then on. From the first call on, stamps, timers, log and diagnostics use the
+    /// last time set here, whatever the value of `use_sim_time`, and waits need a limit in wall time, as in
+    /// [`Node::wait_for`](crate::ros::Node::wait_for).
     pub fn drive(&self, now: Time) {
         self.inner.driven.store(true, Ordering::Release);
-        // The time first: nobody may see a simulated clock that has not begun.
+        // The time is stored first, so that no thread sees simulated time before its start.
         self.inner.now.store(now.as_nanos(), Ordering::Release);
         self.inner.simulated.store(true, Ordering::Release);
-        // No event: the only program that could wait for one is the one that calls this.
+        // No event: the only program that could wait for one makes this call.
     }
 
-    /// How often the time was taken from another publisher of `/clock` while the one before still published. A jump of
-    /// the time that comes with such a change is not a restart of the simulation.
+    /// Number of changes to another publisher of `/clock` while the previous one was still publishing. A jump of the
+    /// time at such a change is not a restart of the simulation.
     pub fn changes_of_publisher(&self) -> u64 {
         self.inner.changes_of_publisher.load(Ordering::Acquire)
     }
@@ -86,8 +86,8 @@ impl Clock {
         count.fetch_add(1, Ordering::AcqRel);
     }
 
-    /// Whether the time is that of this publisher of `/clock`; there may be others by mistake. True for all before the first
-    /// message.
+    /// Whether this publisher of `/clock` sets the time; by mistake there may be several publishers. True for all
+    /// publishers before the first message.
     pub fn follows(&self, publisher: Gid) -> bool {
         self.followed().is_none_or(|followed| followed == publisher)
     }
@@ -101,12 +101,12 @@ impl Clock {
         *self.followed() = Some(publisher);
     }
 
-    /// Whether the program sets the time.
+    /// Whether the node's program sets the time.
     pub(super) fn is_driven(&self) -> bool {
         self.inner.driven.load(Ordering::Acquire)
     }
 
-    /// Sets the time from a `/clock` message.
+    /// Sets the time from a `/clock` message, unless the node's program sets the time.
     pub(super) fn set(&self, now: Time) {
         if self.inner.driven.load(Ordering::Acquire) {
             return;
@@ -117,7 +117,8 @@ impl Clock {
         }
     }
 
-    /// When, by the computer, `time` will have come; `None` if only `/clock` can tell, or never.
+    /// The computer's time at which `time` is reached; `None` for simulated time, whose rate is unknown, and for times
+    /// too far ahead.
     pub(super) fn instant(&self, time: Time) -> Option<Instant> {
         if self.is_simulated() {
             return None;
@@ -126,7 +127,7 @@ impl Clock {
     }
 }
 
-/// Comes due once a period, in the time of a node.
+/// Periodic timer in the time of a node.
 #[derive(Debug)]
 pub struct Timer {
     clock: Clock,
@@ -146,14 +147,14 @@ impl Timer {
         }
     }
 
-    /// When it comes due.
+    /// Time at which the timer is due next.
     pub fn next(&self) -> Time {
-        // A clock that was set back (a restarted simulation) must not make it wait for the old time.
+        // After the clock was set back (restart of the simulation), the timer must not wait for the old time.
         self.next.min(self.clock.now() + self.period)
     }
 
-    /// Whether it has come due; if so it is set to the next period. Periods that have passed since are
-    /// skipped and counted.
+    /// Whether the timer is due. If it is, the timer is set to the next period; periods that were missed are skipped
+    /// and counted.
     pub fn due(&mut self) -> bool {
         let now = self.clock.now();
         self.next = self.next();
@@ -169,12 +170,12 @@ impl Timer {
         true
     }
 
-    /// The period.
+    /// Period of the timer.
     pub fn period(&self) -> Duration {
         self.period
     }
 
-    /// Another period, from now on.
+    /// Sets the period, counted from now.
     pub fn set_period(&mut self, period: Duration) {
         self.period = period;
         self.next = self.clock.now() + period;
@@ -190,7 +191,7 @@ impl Timer {
 mod tests {
     use super::*;
 
-    // Would break if a program that drives its clock were woken by itself, or saw the computer's time.
+    // Fails if setting the time wakes the program that does so, or if it reads the computer's time.
     #[test]
     fn a_driven_clock_shows_its_time_and_wakes_nobody() {
         let events = Arc::new(Events::default());
@@ -203,7 +204,7 @@ mod tests {
         assert!(!timer.due());
         clock.drive(Time::from_secs_f64(3.5));
         assert!(timer.due());
-        // Its own message on `/clock`, which arrives late.
+        // A `/clock` message of the node itself, which arrives late.
         clock.set(Time::from_secs_f64(2.5));
         assert_eq!(clock.now(), Time::from_secs_f64(3.5));
     }
@@ -217,7 +218,7 @@ mod tests {
         assert!(!timer.due());
         clock.set(Time::from_secs_f64(11.0));
         assert!(timer.due() && !timer.due());
-        // Three periods at once: one is due, two are counted as missed.
+        // Three periods have passed: the timer is due once and counts two missed periods.
         clock.set(Time::from_secs_f64(14.5));
         assert!(timer.due() && !timer.due());
         assert_eq!(timer.missed(), 2);

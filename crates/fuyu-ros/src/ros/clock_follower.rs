@@ -17,7 +17,8 @@ use super::{
 };
 use crate::msg::{cdr, rosgraph_msgs};
 
-/// Sets the clock of a node, in the thread that publishes or receives: no other thread has to be woken for it.
+/// Sets the clock of a node from `/clock`. This runs in the thread that publishes or receives the message, so no other
+/// thread has to be woken.
 pub(super) struct ClockFollower {
     topic: String,
     clock: Clock,
@@ -28,7 +29,7 @@ pub(super) struct ClockFollower {
 }
 
 impl ClockFollower {
-    /// Of a `node` of this participant that subscribes to `topic`.
+    /// For `node`, which belongs to `participant` and subscribes to `topic`.
     pub(super) fn new(
         topic: String,
         clock: Clock,
@@ -45,7 +46,7 @@ impl ClockFollower {
         }
     }
 
-    /// Whether a publisher is of this node's robot: a node in the same namespace.
+    /// Whether a publisher belongs to this node's robot, that is, to a node in the same namespace.
     fn is_own(&self, publisher: Gid) -> bool {
         let publisher = self.name_of(publisher);
         let namespace = publisher.as_deref().and_then(|name| name.rsplit_once('/'));
@@ -100,7 +101,8 @@ impl Inbox for ClockFollower {
             self.clock.set_publisher(raw.publisher);
             self.clock.set(time);
         }
-        // Nothing is logged while messages of this participant are delivered; one of two publishers is of another one.
+        // Nothing may be logged while messages are delivered within the participant. One of two publishers belongs to
+        // another participant, so the warning can wait for its message.
         if let Some(several) = several
             && origin == Origin::Remote
         {

@@ -1,37 +1,39 @@
-//! Which publisher of `/clock` a node follows, if there are several: simulated time must not jump between two runs.
+//! Selection of one `/clock` publisher if there are several, so that simulated time does not jump between two
+//! simulations.
 
 use std::time::{Duration, Instant};
 
 use super::Gid;
 
-/// After this silence of the publisher that is followed, another one is its successor: a restarted simulation.
+/// If the followed publisher is silent for this long, another publisher is its successor (a restarted simulation).
 const SUCCESSION: Duration = Duration::from_millis(300);
-/// The same after both have been seen to publish at the same time.
+/// As [`SUCCESSION`], after two publishers have been active at the same time.
 const ABSENCE: Duration = Duration::from_secs(3);
 
-/// Effect of a message on `/clock`.
+/// Effect of a `/clock` message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
-    /// It sets the time.
+    /// The message sets the time.
     Follow,
-    /// It sets the time, and its publisher is followed from now on instead of another one that publishes as well.
+    /// The message sets the time, and its publisher replaces the followed one, which is still active.
     FollowInstead,
-    /// It does not: another publisher is followed.
+    /// The message is ignored, since another publisher is followed.
     Ignore,
 }
 
-/// The publisher that is followed.
+/// The followed publisher, and whether there are others.
 #[derive(Debug, Default)]
 pub(super) struct ClockSource {
     followed: Option<(Gid, Instant)>,
-    /// Another one that has published since, and when.
+    /// Another active publisher, with the time of its last message.
     other: Option<(Gid, Instant)>,
-    /// Whether both have published at the same time.
+    /// Whether two publishers have been active at the same time.
     are_several: bool,
 }
 
 impl ClockSource {
-    /// A message of `publisher` has arrived at `now`. `is_own` says whether a publisher is of the node's own robot.
+    /// Processes a message that `publisher` sent and that arrived at `now`. `is_own` returns whether a publisher
+    /// belongs to the node's own robot.
     pub(super) fn receive(
         &mut self,
         publisher: Gid,
@@ -67,7 +69,7 @@ impl ClockSource {
         Verdict::Ignore
     }
 
-    /// The publisher that is followed and another one, if both publish at the same time.
+    /// The followed publisher and another one, if both are active at the same time.
     pub(super) fn several(&self) -> Option<[Gid; 2]> {
         let ((followed, _), (other, _)) = self.followed.zip(self.other)?;
         self.are_several.then_some([followed, other])
@@ -82,7 +84,7 @@ mod tests {
         Gid::from([n; 16])
     }
 
-    /// Verdicts about these messages, publisher and time \[ms\], for a node whose robot has the publisher `own`.
+    /// Verdicts on messages, given as (publisher, time \[ms\]), for a node whose own robot has the publisher `own`.
     fn verdicts(messages: &[(u8, u64)], own: u8) -> (Vec<Verdict>, Option<[Gid; 2]>) {
         let mut source = ClockSource::default();
         let start = Instant::now();
@@ -123,7 +125,7 @@ mod tests {
         assert_eq!(several, Some([gid(2), gid(1)]));
     }
 
-    // Fails if the nodes kept the time of a simulation that has ended, or warned of its successor.
+    // Fails if a node keeps the time of a simulation that has ended, or warns of its successor.
     #[test]
     fn a_restarted_simulation_is_followed() {
         let (all, several) = verdicts(&[(1, 0), (1, 10), (2, 20), (2, 400), (2, 410)], 0);

@@ -40,11 +40,11 @@ impl DomainError {
 }
 
 impl Domain {
-    /// Largest id whose ports fit below 65536.
+    /// Largest domain id with port numbers below 65536.
     pub const MAX_ID: u16 = 232;
 
-    /// Reads `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE` and `ROS_LOCALHOST_ONLY`; `range` holds where none of
-    /// them states a range. As in ROS, `ROS_LOCALHOST_ONLY=1` has priority over the range.
+    /// Reads `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE` and `ROS_LOCALHOST_ONLY`; `range` is the default. As in
+    /// ROS, `ROS_LOCALHOST_ONLY=1` overrides the range.
     ///
     /// # Errors
     /// [`DomainError`] names the variable, its value and what would be right.

@@ -21,21 +21,21 @@ struct Entry {
     name: String,
     level: Byte,
     message: String,
-    /// Whether the present level and message have been in a report.
+    /// Whether a report has contained the present level and message.
     reported: bool,
-    /// The worst since the last report, with its message, if it was worse than the present one.
+    /// Worst level since the last report, with its message; `None` unless it is worse than the present level.
     worst: Option<(Byte, String)>,
     values: Vec<(String, String)>,
 }
 
-/// The parts of a node that report their health. Clones share them.
+/// Health of the parts of a node. Clones share the state.
 #[derive(Debug, Clone, Default)]
 pub struct Diagnostics {
     entries: Arc<Mutex<Vec<Entry>>>,
 }
 
 impl Diagnostics {
-    /// A part that will report as `node: name`. Its level is OK at first.
+    /// Adds a part, which is reported as `node: name`. Its initial level is OK.
     pub fn status(&self, name: &str) -> Status {
         let mut entries = self.lock();
         let known = entries.iter().position(|e| e.name == name);
@@ -57,7 +57,7 @@ impl Diagnostics {
         }
     }
 
-    /// The present value called `key` of the part called `name`.
+    /// Present value of `key` of the part `name`.
     pub fn value(&self, name: &str, key: &str) -> Option<String> {
         let entries = self.lock();
         let entry = entries.iter().find(|e| e.name == name)?;
@@ -69,7 +69,7 @@ impl Diagnostics {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The worst since the last call, which is forgotten then.
+    /// Status of each part with its worst level since the last call.
     fn statuses(&self, node: &NodeName) -> Vec<DiagnosticStatus> {
         let to_status = |e: &mut Entry| {
             e.reported = e.worst.is_none();
@@ -87,8 +87,8 @@ impl Diagnostics {
     }
 }
 
-/// The health of one part of a node. It may change at any rate: each report contains the worst level since the
-/// last one.
+/// Health of one part of a node. It may change at any rate: each report contains the worst level since the previous
+/// report.
 #[derive(Debug, Clone)]
 pub struct Status {
     diagnostics: Diagnostics,
@@ -101,12 +101,12 @@ impl Status {
         self.report(DiagnosticStatus::OK, message.into());
     }
 
-    /// Level WARN: it works with restrictions.
+    /// Level WARN: the part works with restrictions.
     pub fn warn(&self, message: impl Into<String>) {
         self.report(DiagnosticStatus::WARN, message.into());
     }
 
-    /// Level ERROR: it does not work.
+    /// Level ERROR: the part does not work.
     pub fn error(&self, message: impl Into<String>) {
         self.report(DiagnosticStatus::ERROR, message.into());
     }
@@ -142,9 +142,9 @@ fn pair(key: &str, value: &str) -> KeyValue {
     }
 }
 
-/// Makes the reports of one node, with what its endpoints count.
+/// Builds the diagnostic reports of one node, including the counters of its endpoints.
 pub(super) struct Reporter {
-    /// Messages and losses of each endpoint at the last report.
+    /// Number of messages and of losses of each endpoint at the previous report.
     before: HashMap<String, (u64, u64)>,
     at: Instant,
 }
@@ -175,7 +175,7 @@ impl Reporter {
         }
     }
 
-    /// Rates, ages and losses of all endpoints since the last report.
+    /// Rates, ages and losses of all endpoints since the previous report.
     fn communication(&mut self, node: &Arc<NodeName>, endpoints: &Endpoints) -> DiagnosticStatus {
         let seconds = self.at.elapsed().as_secs_f64().max(1e-3);
         self.at = Instant::now();
@@ -271,7 +271,7 @@ mod tests {
         assert_eq!(reported(), (ok, "e".into()));
         status.warn("f");
         assert_eq!(reported(), (warn, "f".into()));
-        // It lasted until the last report; nothing new was wrong since.
+        // The warning lasted until the previous report; no new one has occurred since.
         status.ok("g");
         assert_eq!(reported(), (ok, "g".into()));
         status.error("h");

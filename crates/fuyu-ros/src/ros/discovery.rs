@@ -1,4 +1,4 @@
-//! Knowledge of the topics of other nodes.
+//! Discovered topics of other nodes.
 
 use std::collections::BTreeSet;
 
@@ -9,7 +9,7 @@ use super::{
     transport::RemotePublisher,
 };
 
-/// Says that a topic is not exchanged because of its quality of service.
+/// Message of the log for a topic that is not exchanged because the QoS profiles are incompatible.
 pub(super) fn not_exchanged(topic: &str, offered: &Qos, requested: &Qos) -> String {
     format!(
         "topic {topic} is not exchanged with a peer: {:?} and {:?} are offered, {:?} and {:?} are requested",
@@ -26,18 +26,18 @@ pub struct DiscoveredPublisher {
     pub type_name: String,
     /// Offered QoS.
     pub qos: Qos,
-    /// Hash of its definition of the type, if it states one.
+    /// Type hash that the publisher states, if any.
     pub type_hash: Option<String>,
     /// Identity of the publisher.
     pub gid: Gid,
 }
 
-/// Most topics that are warned of: peers choose their names.
+/// Largest number of topics that are warned about, since peers choose the topic names.
 const MOST_WARNINGS: usize = 1000;
 
-/// Every ROS topic publisher among those that were found, but those of hidden topics (a part of the name begins with
-/// `_`, as those of actions do). What has the prefix of ROS but not its form is left out; `warned_topics` remembers
-/// what was warned of.
+/// ROS topic publishers among the discovered ones, except those of hidden topics (a part of the name begins with `_`,
+/// as in actions). Topics with the prefix of ROS but an invalid name or type are omitted and logged once each;
+/// `warned_topics` contains the logged ones.
 pub(super) fn publishers(
     found: Vec<RemotePublisher>,
     node: &NodeName,
@@ -70,27 +70,27 @@ pub(super) fn publishers(
     publishers
 }
 
-/// A topic that a node of the same participant publishes or subscribes to.
+/// A topic that another node of the same participant publishes or subscribes to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LocalTopicUse {
     /// Full topic name.
     pub topic: String,
     /// ROS type, `pkg/msg/Name`.
     pub type_name: String,
-    /// Offered or requested QoS, without its depth.
+    /// Offered or requested QoS, with the default history and depth.
     pub qos: Qos,
-    /// Whether the node publishes; otherwise it subscribes.
+    /// True if the node publishes the topic, false if it subscribes.
     pub is_published: bool,
 }
 
 impl LocalTopicUse {
-    /// `None` if the topic is not one of ROS, or hidden.
+    /// `None` if the topic is not a ROS topic, or is hidden.
     pub(super) fn of(spec: &EndpointSpec, is_published: bool) -> Option<Self> {
         let topic = ros_topic(&spec.dds_topic).filter(|topic| !topic.contains("/_"))?;
         Some(Self {
             topic: topic.to_owned(),
             type_name: ros_type(&spec.dds_type)?,
-            // Peers do not learn the history.
+            // DDS discovery does not transmit the history, so it is omitted here too.
             qos: Qos {
                 history: History::KeepLast,
                 depth: Qos::RELIABLE.depth,
@@ -102,7 +102,8 @@ impl LocalTopicUse {
 }
 
 impl DiscoveredPublisher {
-    /// A publisher of the same participant, as other participants see it; `None` if its topic is not one of ROS or hidden.
+    /// A publisher of the same participant, in the form in which other participants discover it; `None` if its topic is
+    /// hidden or not a ROS topic.
     pub(super) fn local(writer: &Writer) -> Option<Self> {
         let LocalTopicUse {
             topic,
@@ -120,12 +121,12 @@ impl DiscoveredPublisher {
     }
 }
 
-/// `rt/name` to `/name`; `None` for DDS topics that are not ROS topics.
+/// Converts `rt/name` to `/name`; `None` for DDS topics that are not ROS topics.
 fn ros_topic(dds: &str) -> Option<&str> {
     dds.strip_prefix("rt").filter(|name| name.starts_with('/'))
 }
 
-/// `pkg::msg::dds_::Name_` to `pkg/msg/Name`.
+/// Converts `pkg::msg::dds_::Name_` to `pkg/msg/Name`.
 pub(super) fn ros_type(dds: &str) -> Option<String> {
     let (path, name) = dds.rsplit_once("::dds_::")?;
     let (package, kind) = path.split_once("::")?;
@@ -140,7 +141,7 @@ pub(super) fn ros_type(dds: &str) -> Option<String> {
         .then(|| format!("{package}/{kind}/{name}"))
 }
 
-/// `pkg/msg/Name` to `pkg::msg::dds_::Name_`.
+/// Converts `pkg/msg/Name` to `pkg::msg::dds_::Name_`.
 pub(super) fn dds_type(ros: &str) -> Option<String> {
     let mut parts = ros.split('/');
     match (parts.next(), parts.next(), parts.next(), parts.next()) {
@@ -169,7 +170,7 @@ mod tests {
         ] {
             assert_eq!(ros_type(strange), None);
         }
-        // A name of plain DDS that only begins like one of ROS.
+        // A plain DDS topic whose name begins like that of a ROS topic.
         assert_eq!(ros_topic("rtk_fix"), None);
         assert_eq!(ros_topic("rt/fix"), Some("/fix"));
     }

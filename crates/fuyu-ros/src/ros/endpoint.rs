@@ -1,4 +1,5 @@
-//! Publishers and subscriptions below their handles; they outlive sessions.
+//! Publishers and subscriptions below the handles that programs use. They persist when the session of the transport is
+//! replaced.
 
 use bytes::Bytes;
 use std::{
@@ -24,7 +25,7 @@ use super::{
 };
 use crate::msg::{Definition, Interface, ServiceDefinition};
 
-/// Types whose messages have the size of a megabyte rather than a kilobyte.
+/// Types with messages of the order of a megabyte rather than a kilobyte.
 const LARGE_TYPES: [&str; 4] = [
     "sensor_msgs::msg::dds_::Image_",
     "sensor_msgs::msg::dds_::CompressedImage_",
@@ -35,22 +36,22 @@ const LARGE_TYPES: [&str; 4] = [
 /// Topic, type and QoS of an endpoint, as other participants see them.
 #[derive(Debug, Clone)]
 pub(super) struct EndpointSpec {
-    /// Name for people: `/joint_states`.
+    /// Topic name: `/joint_states`.
     pub(super) name: String,
-    /// `rt/joint_states`
+    /// DDS topic name: `rt/joint_states`.
     pub(super) dds_topic: String,
-    /// `sensor_msgs::msg::dds_::JointState_`
+    /// DDS type name: `sensor_msgs::msg::dds_::JointState_`.
     pub(super) dds_type: String,
     pub(super) qos: Qos,
-    /// Definition of the type, if it is known here.
+    /// Definition of the type, if it is known in this program.
     pub(super) definition: Option<&'static Definition>,
-    /// Services and infrastructure are left out of the communication diagnostics.
+    /// Whether the endpoint belongs to a service or to the infrastructure, which the communication diagnostics omit.
     pub(super) internal: bool,
-    /// Nodes of one participant share one DDS writer: of messages that name their node.
+    /// Whether all nodes of a participant share one DDS writer. This requires messages that contain the node's name.
     pub(super) shared: bool,
-    /// Role of its samples.
+    /// Role of the endpoint's samples.
     pub(super) role: Role,
-    /// Hash of the type as a peer or a bag states it, in place of that of `definition`.
+    /// Hash of the type that a peer or a bag states; overrides that of `definition`.
     pub(super) stated_hash: Option<String>,
 }
 
@@ -70,7 +71,7 @@ pub(super) enum Role {
 }
 
 impl EndpointSpec {
-    /// A topic of type `M`, part of every node.
+    /// A topic of type `M` that every node has.
     pub(super) fn topic<M: Interface>(name: &str, qos: Qos) -> Self {
         Self {
             name: name.to_owned(),
@@ -90,12 +91,13 @@ impl EndpointSpec {
         }
     }
 
-    /// Whether its messages have the size of a megabyte rather than a kilobyte.
+    /// Whether messages have a size of the order of a megabyte rather than a kilobyte.
     pub(super) fn is_large(&self) -> bool {
         LARGE_TYPES.contains(&self.dds_type.as_str())
     }
 
-    /// How many samples may wait for the handler of a subscription: those of a reliable one all, up to a limit for memory.
+    /// Largest number of samples that wait for the handler of a subscription. A reliable subscription keeps all, up to
+    /// a limit for memory.
     pub(super) fn handler_limit(&self) -> usize {
         match self.qos.is_reliable() {
             true => self.qos.depth.max(kept(self.is_large())),
@@ -103,9 +105,9 @@ impl EndpointSpec {
         }
     }
 
-    /// How many samples of one origin may wait in the queue of a subscription: its depth. Those of a reliable publisher of
-    /// the same participant are not lost while the program is late, up to a limit for memory, unless only the newest is
-    /// wanted (depth 1).
+    /// Largest number of samples of one origin in the queue of a subscription: the depth. For reliable publishers of
+    /// the same participant the limit is larger, so that a late program loses no message, unless it wants only the
+    /// newest (depth 1).
     pub(super) fn queue_limit(&self, origin: Origin) -> usize {
         let depth = self.qos.depth.max(1);
         match origin {
@@ -116,8 +118,8 @@ impl EndpointSpec {
         }
     }
 
-    /// What subscriptions have in common that one DDS reader serves: those of other nodes of the participant to the same
-    /// topic. Transient-local ones share it if it keeps enough for a late one.
+    /// Key of the DDS reader that subscriptions share: those of all nodes of the participant to the same topic.
+    /// Transient-local subscriptions share a reader if it keeps enough samples for a late subscription.
     pub(super) fn reader_key(&self) -> Option<String> {
         let is_topic = !self.internal || self.shared;
         let is_latched = self.qos.durability == Durability::TransientLocal;
@@ -135,7 +137,8 @@ impl EndpointSpec {
         Some(format!("{} {} {same:?}", self.dds_topic, self.dds_type))
     }
 
-    /// Quality of service of the DDS reader: a transient-local one keeps enough for other subscriptions of its participant.
+    /// QoS of the DDS reader. A transient-local reader keeps enough samples for further subscriptions of its
+    /// participant.
     pub(super) fn reader_qos(&self) -> Qos {
         match self.qos.durability {
             Durability::TransientLocal => self.qos.depth(self.qos.depth.max(LATCHED_DEPTH)),
@@ -143,7 +146,7 @@ impl EndpointSpec {
         }
     }
 
-    /// The same with one DDS writer, or reader, for all nodes of a participant.
+    /// Makes all nodes of a participant share one DDS writer or reader.
     pub(super) fn shared(self) -> Self {
         Self {
             shared: true,
@@ -152,26 +155,26 @@ impl EndpointSpec {
     }
 }
 
-/// How many samples of each publisher a transient-local DDS reader keeps at least.
+/// Smallest number of samples per publisher that a transient-local DDS reader keeps.
 const LATCHED_DEPTH: usize = 100;
 
 /// Counters of an endpoint, for diagnostics.
 #[derive(Debug, Default)]
 pub(super) struct Counters {
     pub(super) messages: AtomicU64,
-    /// Dropped because a queue was full.
+    /// Messages that were dropped because a queue was full.
     pub(super) dropped: AtomicU64,
-    /// Replaced by a newer message before the program took them; intended for a queue of one, so not a loss.
+    /// Messages that a newer one replaced before the program took them; intended for a queue of depth 1, so not a loss.
     pub(super) replaced: AtomicU64,
-    /// Refused by the transport, or not valid for the type.
+    /// Messages that the transport refused, or that are invalid for the type.
     pub(super) failed: AtomicU64,
-    /// Never received, according to the sequence numbers of the publisher.
+    /// Messages that were never received, according to the publisher's sequence numbers.
     pub(super) missing: AtomicU64,
     /// Wall time of the last message [ns].
     pub(super) last: AtomicI64,
-    /// Endpoints of other participants that this one is matched with.
+    /// Number of matched endpoints of other participants.
     pub(super) remote: AtomicUsize,
-    /// Endpoints of the same participant that this one is matched with.
+    /// Number of matched endpoints of the same participant.
     pub(super) local: AtomicUsize,
     /// GIDs of the matched endpoints of other participants.
     pub(super) peers: Mutex<Vec<Gid>>,
@@ -191,12 +194,12 @@ impl Counters {
             .sum()
     }
 
-    /// Endpoints that this one is matched with.
+    /// Number of matched endpoints.
     pub(super) fn matched(&self) -> usize {
         self.remote.load(Relaxed) + self.local.load(Relaxed)
     }
 
-    /// Forgets the endpoints of other participants.
+    /// Removes the endpoints of other participants.
     pub(super) fn forget_remote(&self) {
         self.remote.store(0, Relaxed);
         let mut peers = self.peers.lock().unwrap_or_else(PoisonError::into_inner);
@@ -209,24 +212,24 @@ impl Counters {
     }
 }
 
-/// One publisher below its handle.
+/// A publisher below its handle.
 pub(super) struct Writer {
     pub(super) spec: EndpointSpec,
-    /// The node that it belongs to; nodes of one participant are told apart by this pointer.
+    /// The node that the publisher belongs to. This pointer, not the name, identifies a node within the participant.
     pub(super) node: Arc<NodeName>,
     pub(super) counters: Counters,
-    /// How many of its messages wait in the node's send_queue; changed under the send_queue's lock only.
+    /// Number of its messages in the node's send queue; changed only under the lock of the send queue.
     pub(super) queued: AtomicUsize,
-    /// Replies of a service whose clients have not been matched yet.
+    /// Replies of a service to clients that have not been matched yet.
     pub(super) held: HeldReplies,
-    /// Its topic inside the participant.
+    /// The topic inside the participant.
     pub(super) local: Arc<LocalTopic>,
-    /// Whether subscriptions of other participants may have been missed, so that the count of them does not say enough.
+    /// Whether the count of subscriptions of other participants may be too low.
     pub(super) count_is_unsure: AtomicBool,
     wire: RwLock<Option<Arc<dyn WireWriter>>>,
-    /// GID of the wire, also while it is being replaced; until there is one, a GID that no other publisher has.
+    /// GID of the present or last wire; before the first wire, a GID that no other publisher has.
     identity: RwLock<Gid>,
-    /// Messages that late joiners must get from a new session.
+    /// Retained messages, which late joiners must also get from a new session.
     latched: Mutex<VecDeque<(Time, Bytes)>>,
 }
 
@@ -246,8 +249,8 @@ impl Writer {
         }
     }
 
-    /// Whether its messages have to be sent: to subscriptions of other participants, or to those to come. Those of services
-    /// always have to, since their clients may be matched before we know.
+    /// Whether messages have to be sent to other participants: to present subscriptions, or retained for later ones.
+    /// Messages of services are always sent, since a client may be matched before this participant detects it.
     pub(super) fn is_needed_elsewhere(&self) -> bool {
         let spec = &self.spec;
         let is_topic = matches!(spec.role, Role::Topic);
@@ -258,7 +261,7 @@ impl Writer {
             || self.count_is_unsure.load(Relaxed)
     }
 
-    /// Identity of a sample that the transport has not taken: with a number that no transport gives.
+    /// Identity of a sample that the transport has not sent: its number is negative, unlike those of all transports.
     pub(super) fn unwritten_identity(&self) -> SampleIdentity {
         static NEXT: AtomicI64 = AtomicI64::new(-1);
         SampleIdentity {
@@ -267,7 +270,7 @@ impl Writer {
         }
     }
 
-    /// Identity of its messages.
+    /// GID of the publisher, part of the identity of its messages.
     pub(super) fn identity(&self) -> Gid {
         *self.identity.read().unwrap_or_else(PoisonError::into_inner)
     }
@@ -296,7 +299,7 @@ impl Writer {
             }
             latched.push_back((published, cdr.clone()));
         }
-        // The session that is there now, or else the next one gets it with the other retained ones.
+        // Either the present session sends the message, or the next one does, with the other retained messages.
         let wire = self.wire();
         drop(latched);
         let identity = wire.and_then(|wire| wire.write(cdr, published, related));
@@ -309,8 +312,9 @@ impl Writer {
         identity
     }
 
-    /// Waits until living subscribers of other participants have what was written, at most `timeout`. Whether they have;
-    /// without such subscribers, where DDS would wait too, or best effort, at once.
+    /// Waits until living subscribers of other participants have acknowledged all messages, at most `timeout`. Returns
+    /// whether they have. Returns at once for best-effort publishers and without such subscribers, where DDS would
+    /// wait.
     pub(super) fn wait_for_all_acked(&self, timeout: Duration) -> bool {
         match self.wire() {
             Some(wire) if self.spec.qos.is_reliable() && self.counters.remote.load(Relaxed) > 0 => {
@@ -320,8 +324,8 @@ impl Writer {
         }
     }
 
-    /// Waits until living subscribers of other participants have taken what was written, before the writer leaves: at most
-    /// `timeout` for their acknowledgements, and no time if nothing was written lately.
+    /// Waits, before the writer leaves, until living subscribers of other participants have taken all messages: at most
+    /// `timeout` for their acknowledgements, plus the linger time of the transport after the last message.
     pub(super) fn finish(&self, timeout: Duration) {
         let is_awaited = self.spec.qos.is_reliable() && self.counters.remote.load(Relaxed) > 0;
         let Some(wire) = self.wire().filter(|_| is_awaited) else {
@@ -338,7 +342,7 @@ impl Writer {
         wire: Option<Arc<W>>,
     ) -> Option<Arc<dyn WireWriter>> {
         let wire = wire.map(|wire| wire as Arc<dyn WireWriter>);
-        // Held until the end, so that what is published meanwhile goes to one of the two.
+        // Locked until the end, so that every message is sent by either the old or the new wire.
         let mut latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(new) = &wire {
             if let Some(lifespan) = self.spec.qos.lifespan {
@@ -360,7 +364,7 @@ impl Writer {
         std::mem::replace(&mut *current, wire)
     }
 
-    /// Takes the wire away and returns it.
+    /// Removes the wire and returns it.
     pub(super) fn detach(&self) -> Option<Arc<dyn WireWriter>> {
         let _latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
         let mut current = self.wire.write().unwrap_or_else(PoisonError::into_inner);
@@ -376,12 +380,13 @@ fn unused_gid() -> Gid {
     bytes.into()
 }
 
-/// Called with every sample. Returns whether the sample was valid.
+/// Callback for every sample. Returns whether the sample was valid.
 pub(super) type Sink = Box<dyn Fn(RawSample, &Counters) -> bool + Send + Sync>;
 
 /// A queue that the program empties itself.
 pub(super) trait Inbox: Send + Sync {
-    /// Takes a sample in; false if it is not of the expected type. Quick, and calls nothing of the program.
+    /// Adds a sample; returns false if it is not of the expected type. Must be fast and must not call the program's
+    /// code.
     fn accept(&self, sample: LocalSample, origin: Origin, counters: &Counters) -> bool;
 }
 
@@ -394,7 +399,7 @@ pub(super) enum Origin {
     Remote,
 }
 
-/// Where the samples of a subscription go.
+/// Destination of a subscription's samples.
 pub(super) enum Destination {
     /// A queue, filled by the thread that publishes or receives.
     Inbox(Arc<dyn Inbox>),
@@ -405,20 +410,20 @@ pub(super) enum Destination {
 /// A handler of samples.
 pub(super) struct Handler {
     pub(super) sink: Sink,
-    /// How long a sample may wait, so that the thread is not woken for each; zero if it is to be handled at once.
+    /// Longest time that a sample may wait, so that the thread handles several at once; zero to handle it at once.
     pub(super) patience: Duration,
-    /// The samples of the node that wait.
+    /// Samples of the node that wait for handlers.
     pub(super) queue: Arc<HandlerQueue>,
 }
 
-/// One subscription below its handle.
+/// A subscription below its handle.
 pub(super) struct Reader {
     pub(super) spec: EndpointSpec,
-    /// The node that it belongs to; nodes of one participant are told apart by this pointer.
+    /// The node that the subscription belongs to. This pointer, not the name, identifies a node within the participant.
     pub(super) node: Arc<NodeName>,
     pub(super) counters: Counters,
     pub(super) destination: Destination,
-    /// Its topic inside the participant.
+    /// The topic inside the participant.
     pub(super) local: Arc<LocalTopic>,
     invalid: Mutex<InvalidSamples>,
     gid: Mutex<Option<Gid>>,
@@ -442,7 +447,8 @@ impl Reader {
         }
     }
 
-    /// Passes a sample on to its destination. Returns false if it is not of the expected type, as far as that is known yet.
+    /// Passes a sample to its destination. Returns false if the sample is known not to be of the expected type;
+    /// handlers check it later.
     pub(super) fn receive(self: &Arc<Self>, sample: LocalSample, origin: Origin) -> bool {
         self.counters.count();
         match &self.destination {
@@ -460,7 +466,7 @@ impl Reader {
         }
     }
 
-    /// The same with a sample of another participant; logs that it is not of the expected type.
+    /// As [`Self::receive`], for a sample of another participant; logs invalid samples.
     pub(super) fn receive_remote(self: &Arc<Self>, sample: RawSample, graph: &GraphCache) {
         let (publisher, length) = (sample.publisher, sample.cdr.len());
         if !self.receive(sample.into(), Origin::Remote) {
@@ -469,7 +475,7 @@ impl Reader {
         }
     }
 
-    /// Logs an invalid sample, unless that has been said often enough.
+    /// Logs an invalid sample, at a limited rate.
     pub(super) fn report_invalid(&self, graph: &GraphCache, publisher: Option<Gid>, problem: &str) {
         let invalid = self.invalid.lock();
         let mut invalid = invalid.unwrap_or_else(PoisonError::into_inner);
@@ -485,7 +491,7 @@ impl Reader {
     }
 }
 
-/// The nodes of a participant and all endpoints that they have at the moment.
+/// The nodes of a participant with their present endpoints.
 #[derive(Default)]
 pub(super) struct Endpoints {
     pub(super) nodes: Vec<Member>,
@@ -500,7 +506,7 @@ pub(super) struct Member {
     pub(super) stop_state: Arc<StopState>,
 }
 
-/// Detaches every wire, so that the session can end when they are dropped.
+/// Removes the wires of all publishers and returns them; the session can end once they are dropped.
 pub(super) fn detach(endpoints: &Endpoints) -> Vec<Arc<dyn WireWriter>> {
     let writers = endpoints.writers.iter();
     writers.filter_map(|writer| writer.detach()).collect()

@@ -5,7 +5,7 @@ use super::{
     params_file::ParamsFileError,
 };
 
-/// Why a node cannot start or continue. The text is for the person who started it.
+/// Why a node cannot start or continue. The text is for the user who started it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NodeError {
@@ -46,7 +46,7 @@ pub enum NodeError {
 }
 
 impl NodeError {
-    /// Exit code of a process that ends with this: 2 for wrong input, 1 for all else.
+    /// Exit code of a process that ends with this error: 2 for wrong input, 1 for all others.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Dds { .. } | Self::Call(_) | Self::Failed(_) => 1,

@@ -1,4 +1,4 @@
-//! Wake-up of a node's program, and its stop request.
+//! Wake-up of a node's program, and the node's stop request.
 
 use std::{
     cell::RefCell,
@@ -9,7 +9,7 @@ use std::{
     time::Instant,
 };
 
-/// Counts events, so that one that comes between two waits is not missed.
+/// Event counter, so that an event between two waits is not missed.
 #[derive(Debug, Default)]
 pub(super) struct Events {
     state: Mutex<Count>,
@@ -19,7 +19,7 @@ pub(super) struct Events {
 #[derive(Debug, Default)]
 struct Count {
     events: u64,
-    /// Threads that wait. Without any, nobody needs to be woken, which is a system call.
+    /// Number of waiting threads. If there are none, the system call that wakes threads is omitted.
     waiting: usize,
 }
 
@@ -35,7 +35,7 @@ impl Events {
         }
     }
 
-    /// As [`Self::notify`], or at the end of [`publish_together`] if this thread is in it.
+    /// As [`Self::notify`]; inside [`publish_together`], the wake-up is deferred to its end.
     pub(super) fn notify_of_message(self: &Arc<Self>) {
         let is_held = HELD.with_borrow_mut(|held| {
             let Some(held) = held else { return false };
@@ -90,11 +90,11 @@ thread_local! {
     static HELD: RefCell<Option<Vec<Arc<Events>>>> = const { RefCell::new(None) };
 }
 
-/// Publishes several messages that belong together, such as all of one state. They enter the queues of their
-/// subscriptions at once, as always; programs of the same participant that wait are woken once, after the last message,
-/// instead of once per message.
+/// Publishes several messages that belong together, such as all parts of a state. The messages enter the queues of
+/// their subscriptions at once, as always. Waiting programs of the same participant are woken only once, after the last
+/// message, instead of once per message.
 pub fn publish_together<R>(publish: impl FnOnce() -> R) -> R {
-    /// Wakes also if `publish` panics.
+    /// Wakes the programs, also if `publish` panics.
     struct Wake;
     impl Drop for Wake {
         fn drop(&mut self) {
@@ -111,7 +111,7 @@ pub fn publish_together<R>(publish: impl FnOnce() -> R) -> R {
     publish()
 }
 
-/// Whether a node has to stop, and the failure if that is the reason.
+/// Whether a node has to stop, and the failure that caused this, if any.
 #[derive(Debug)]
 pub(super) struct StopState {
     events: Arc<Events>,
@@ -137,7 +137,7 @@ impl StopState {
         self.events.notify();
     }
 
-    /// Stops the node because it cannot continue; the first reason is kept.
+    /// Stops the node because of a failure; the first reason is kept.
     pub(super) fn fail(&self, reason: String) {
         let _ = self.failure.set(reason);
         self.stop();

@@ -1,4 +1,4 @@
-//! Cache of the graph: names and publishers of the nodes of other participants, as the transport discovers them.
+//! Graph cache: names and publishers of the nodes of other participants, as the transport discovers them.
 //!
 //! ROS allows two nodes with the same name; a service call or parameter change then reaches either of them. So a
 //! warning is logged when a discovered node has the name of a node of this participant.
@@ -10,7 +10,7 @@ use std::{
 
 use super::{Gid, NodeName};
 
-/// Identity of a participant, in the form of the transport.
+/// Identity of a participant; its form depends on the transport.
 type ParticipantId = Box<[u8]>;
 
 /// Full names of the nodes of a participant, each with its publishers.
@@ -24,15 +24,15 @@ pub(super) struct GraphCache {
 
 #[derive(Default)]
 struct Inner {
-    /// The own participant, whose announcements it may receive.
+    /// This participant, whose own announcements may be received.
     own: Option<ParticipantId>,
-    /// Full names of the nodes of the own participant.
+    /// Full names of the nodes of this participant.
     own_nodes: Vec<String>,
     others: HashMap<ParticipantId, Nodes>,
 }
 
 impl GraphCache {
-    /// Adds a node of this participant. Returns whether another node of its name is known.
+    /// Adds a node of this participant. Returns whether a node with the same name is known.
     pub(super) fn add_own_node(&self, node: &NodeName) -> bool {
         let name = node.full();
         let mut known = self.lock();
@@ -58,8 +58,8 @@ impl GraphCache {
         known.others.clear();
     }
 
-    /// Stores the present nodes of a participant. Returns the names of those that have newly been found to be names
-    /// of this participant's nodes too.
+    /// Stores the present nodes of a participant. Returns names that are newly found to be the names of nodes of this
+    /// participant as well.
     pub(super) fn replace(&self, participant: &[u8], nodes: Nodes) -> Vec<String> {
         let mut known = self.lock();
         let Inner {
@@ -108,7 +108,7 @@ impl GraphCache {
     }
 }
 
-/// Warns that a name belongs to two nodes.
+/// Warns that two nodes have the same name.
 pub(super) fn warn_of_namesake(node: &str) {
     tracing::warn!(
         "node {node}: another node of this name is in the graph, and calls of services and parameters may reach either; \
@@ -120,7 +120,8 @@ pub(super) fn warn_of_namesake(node: &str) {
 mod tests {
     use super::*;
 
-    // Fails if nodes that share the participant are not compared with each other and with those that came before them.
+    // Fails if a new node of a participant is not compared with the other nodes of this participant and with those
+    // discovered before.
     #[test]
     fn a_node_that_joins_learns_of_its_namesakes() {
         let all = GraphCache::default();

@@ -1,7 +1,7 @@
 //! The receiving thread of a node: runs the handlers of its subscriptions and services, one sample after the other.
 //!
-//! Handlers may take locks, publish, and create or drop endpoints. So they run neither in the thread that publishes nor in
-//! the thread that receives from the transport: a slow handler delays its own node only.
+//! Handlers may take locks, publish, and create or drop endpoints. So they run neither in the publishing thread nor in
+//! the transport's receiving thread, and a slow handler delays only its own node.
 
 use std::{
     collections::VecDeque,
@@ -26,12 +26,12 @@ pub(super) struct HandlerQueue {
 #[derive(Default)]
 struct State {
     waiting: VecDeque<(Arc<Reader>, RawSample)>,
-    /// When the samples that wait have to be handled; `None` without any.
+    /// Time by which the waiting samples have to be handled; `None` if none wait.
     due: Option<Instant>,
     sleep: Sleep,
     /// Calls of [`HandlerQueue::flush`] in progress.
     flushing: usize,
-    /// The subscription whose handler runs.
+    /// The subscription whose handler is running.
     running: Option<Arc<Reader>>,
     thread: Option<ThreadId>,
     closed: bool,
@@ -40,12 +40,12 @@ struct State {
 /// State of the receiving thread.
 #[derive(Default, Clone, Copy)]
 enum Sleep {
-    /// It runs handlers, and looks at the queue again before it sleeps.
+    /// Running handlers; it checks the queue again before it sleeps.
     #[default]
     Awake,
-    /// It sleeps until that time.
+    /// Sleeping until this time.
     Until(Instant),
-    /// It sleeps until it is woken.
+    /// Sleeping until it is woken.
     Indefinitely,
 }
 
@@ -54,8 +54,8 @@ impl HandlerQueue {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a sample, to be handled within `patience`. If as many of its subscription wait as may, the oldest makes room
-    /// for it.
+    /// Adds a sample, to be handled within `patience`. If the subscription has reached its limit of waiting samples,
+    /// the oldest of them is dropped.
     pub(super) fn push(&self, reader: &Arc<Reader>, sample: RawSample, patience: Duration) {
         let limit = reader.spec.handler_limit();
         let mut state = self.lock();
@@ -63,7 +63,7 @@ impl HandlerQueue {
             return;
         }
         let is_own = |(r, _): &&(Arc<Reader>, RawSample)| Arc::ptr_eq(r, reader);
-        // Counting is only necessary when there could be too many.
+        // Counting the subscription's samples is only necessary if the queue is long enough.
         let has = |state: &State, number: usize| {
             state.waiting.len() >= number && state.waiting.iter().filter(is_own).count() >= number
         };
@@ -73,7 +73,7 @@ impl HandlerQueue {
             reader.counters.dropped.fetch_add(1, Relaxed);
         }
         state.waiting.push_back((Arc::clone(reader), sample));
-        // A sample that may wait must not make another one of its subscription lose its place.
+        // Samples are handled early enough that waiting causes none of the subscription's samples to be dropped.
         let is_urgent = patience.is_zero() || has(&state, limit.div_ceil(2));
         let now = Instant::now();
         let due = if is_urgent { now } else { now + patience };
@@ -84,19 +84,20 @@ impl HandlerQueue {
             Sleep::Indefinitely => true,
         };
         if must_wake {
-            // It is woken once.
+            // Further samples do not wake the thread again.
             state.sleep = Sleep::Awake;
             drop(state);
             self.filled.notify_one();
         }
     }
 
-    /// Runs handlers until the queue is closed and empty. `invalid` is called with samples that are not of the expected type:
-    /// subscription, publisher and length.
+    /// Runs handlers until the queue is closed and empty. `invalid` is called for samples that are not of the expected
+    /// type, with subscription, publisher and length.
     pub(super) fn run(&self, invalid: impl Fn(&Reader, Gid, usize)) {
         let mut state = self.lock();
         state.thread = Some(thread::current().id());
-        // After samples that could wait, more are likely: the thread wakes by itself after the same time.
+        // After samples with patience, further ones are likely: the thread wakes after the same time without being
+        // notified.
         let mut linger: Option<Instant> = None;
         loop {
             let now = Instant::now();
@@ -143,8 +144,8 @@ impl HandlerQueue {
         }
     }
 
-    /// Waits until the handler of a subscription that receives nothing more has run for all samples that wait, at most
-    /// `patience`. Returns at once in a handler.
+    /// Waits until the handler of a subscription has run for all waiting samples, at most `patience`. The subscription
+    /// must not receive further samples. Returns at once if called from a handler.
     pub(super) fn flush(&self, reader: &Arc<Reader>, patience: Duration) {
         let deadline = Instant::now() + patience;
         let mut state = self.lock();
@@ -168,13 +169,13 @@ impl HandlerQueue {
         }
     }
 
-    /// Ends [`Self::run`] when all handlers have run.
+    /// Ends [`Self::run`] once all waiting samples have been handled.
     pub(super) fn close(&self) {
         self.lock().closed = true;
         self.filled.notify_all();
     }
 
-    /// After a handler has panicked: no other one runs.
+    /// Discards all samples after a panic in a handler: no further handler runs.
     pub(super) fn abandon(&self) {
         let mut state = self.lock();
         state.closed = true;
@@ -186,7 +187,7 @@ impl HandlerQueue {
     }
 }
 
-/// Runs the handler of a sample. Returns how long the sample could have waited.
+/// Runs the handler for a sample. Returns the patience of the subscription.
 fn handle(reader: &Reader, sample: RawSample, invalid: impl Fn(&Reader, Gid, usize)) -> Duration {
     let (publisher, length) = (sample.publisher, sample.cdr.len());
     let Destination::Handler(handler) = &reader.destination else {
@@ -211,7 +212,7 @@ mod tests {
     };
     use std::sync::mpsc;
 
-    /// A subscription whose handler sends the first byte of each sample.
+    /// A subscription whose handler sends the first byte of each sample to `all`.
     fn subscription(queue: &Arc<HandlerQueue>, all: &mpsc::Sender<u8>) -> Arc<Reader> {
         let all = all.clone();
         let sink = move |sample: RawSample, _: &Counters| all.send(sample.cdr[0]).is_ok();
@@ -231,7 +232,7 @@ mod tests {
         RawSample::for_test(vec![number].into())
     }
 
-    // Would break if a sample that may wait were handled at once, or a later one before it.
+    // Fails if a sample with patience is handled at once, or if a later sample is handled before it.
     #[test]
     fn samples_wait_until_one_is_urgent_and_keep_their_order() {
         let queue = Arc::<HandlerQueue>::default();
@@ -244,8 +245,8 @@ mod tests {
         assert!(all.recv_timeout(Duration::from_millis(100)).is_err());
         queue.push(&reader, sample(3), Duration::ZERO);
         assert!(all.iter().take(3).eq([1, 2, 3]));
-        // After samples that could wait, the thread expects more of them; they do not wake it. While it is awake, it would
-        // handle them at once.
+        // After samples with patience the thread expects further ones, which do not wake it. While the thread is awake,
+        // it would handle them at once.
         while !matches!(queue.lock().sleep, Sleep::Until(_)) {
             thread::yield_now();
         }
@@ -275,7 +276,7 @@ mod tests {
         queue.close();
     }
 
-    // Would break if samples were lost because the thread waits for more.
+    // Fails if samples are dropped because the thread waits for further ones.
     #[test]
     fn samples_that_may_wait_are_handled_before_one_is_lost() {
         let queue = Arc::<HandlerQueue>::default();

@@ -1,8 +1,8 @@
-//! Replies to clients that have not been matched yet.
+//! Service replies that are held until their client has been matched.
 //!
-//! A new client calls a service as soon as it knows the server's endpoints. At that time the server may know the client's
-//! request writer, but not yet its reply reader: a reply that is written then is not sent to the client, and lost. So the
-//! reply is held until the reader has been matched.
+//! A new client calls a service as soon as it has discovered the server's endpoints. The server may then know the
+//! client's request writer but not yet its reply reader, and a reply written at that time would be lost. So the reply
+//! is held until the reader has been matched.
 
 use std::{
     sync::{Mutex, MutexGuard, PoisonError},
@@ -11,25 +11,25 @@ use std::{
 
 use super::{Gid, endpoint::Counters};
 
-/// A held reply is sent after this time even if its client has not been matched; checked once a second.
+/// After this time a held reply is sent even if its client has not been matched; checked once a second.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Replies that are held at a time; beyond it the oldest one is sent.
+/// Largest number of held replies; beyond it the oldest is sent.
 const MOST: usize = 64;
 
-/// Kinds of entity ids of readers, without and with key.
+/// Entity kinds of readers in RTPS, without and with key.
 const READERS: [u8; 2] = [0x04, 0x07];
 
 /// Where a client expects its reply.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ReplyReader {
-    /// This reader, as the request says.
+    /// The reader that the request states.
     Named(Gid),
-    /// Any reader of the participant of this endpoint.
+    /// Any reader of the participant that this endpoint belongs to.
     In(Gid),
 }
 
 impl ReplyReader {
-    /// Of a request from `publisher` that states the identity `stated`, which may be that of the reply reader.
+    /// For a request from `publisher` that states the identity `stated`, which may be that of the reply reader.
     pub(super) fn new(stated: Option<Gid>, publisher: Gid) -> Self {
         let is_reader = |gid: &Gid| READERS.contains(&(gid.to_bytes16()[15] & 0x3f));
         match stated.filter(is_reader) {
@@ -74,7 +74,7 @@ pub(super) struct HeldReplies {
 }
 
 impl HeldReplies {
-    /// Calls `send` as soon as `client` is among the peers in `counters`.
+    /// Calls `send` as soon as `client` is among the matched peers in `counters`.
     pub(super) fn send(
         &self,
         client: ReplyReader,
@@ -82,7 +82,7 @@ impl HeldReplies {
         send: impl FnOnce() + Send + 'static,
     ) {
         let mut held = self.lock();
-        // Under the lock: the peers are stored before `release` is called.
+        // Checked under the lock: the peers are stored before `release` is called.
         let is_matched = {
             let peers = counters.peers.lock();
             client.is_among(&peers.unwrap_or_else(PoisonError::into_inner))
@@ -103,7 +103,7 @@ impl HeldReplies {
         }
     }
 
-    /// Sends the replies to clients that have been matched.
+    /// Sends the replies whose clients have been matched.
     pub(super) fn release(&self, matched: &[Gid]) {
         self.send_those(|held| held.client.is_among(matched));
     }
@@ -131,14 +131,14 @@ mod tests {
         atomic::{AtomicU32, Ordering::Relaxed},
     };
 
-    /// An endpoint of a participant, with the last byte of its entity id.
+    /// GID of an endpoint of a participant; `kind` is the last byte of its entity id.
     fn gid(participant: u8, kind: u8) -> Gid {
         let mut bytes = [participant; 16];
         bytes[15] = kind;
         bytes.into()
     }
 
-    // Fails if a reply is sent to somebody else's reader, twice, or never.
+    // Fails if a reply is sent to another client's reader, twice, or never.
     #[test]
     fn a_reply_waits_for_the_reader_that_the_request_names() {
         let (held, counters) = (HeldReplies::default(), Counters::default());
@@ -151,7 +151,7 @@ mod tests {
         };
         let named = ReplyReader::new(Some(gid(1, 0x04)), gid(1, 0x03));
         assert_eq!(named, ReplyReader::Named(gid(1, 0x04)));
-        // A writer is not where a reply goes to.
+        // The stated identity is a writer, which cannot receive a reply, so any reader of its participant matches.
         let anywhere = ReplyReader::new(Some(gid(2, 0x03)), gid(2, 0x03));
         assert_eq!(anywhere, ReplyReader::In(gid(2, 0x03)));
         reply(named);

@@ -1,6 +1,6 @@
 //! `--help` and `--version` of a node's executable.
 
-/// The text to print instead of running the node `name`, if the arguments before `--ros-args` request it.
+/// The text for `--help` or `--version` of the node `name`, if the arguments before `--ros-args` contain one of them.
 pub(super) fn requested(name: &str, args: &[String]) -> Option<String> {
     let own = args.iter().take_while(|arg| *arg != "--ros-args");
     own.into_iter().find_map(|arg| match arg.as_str() {

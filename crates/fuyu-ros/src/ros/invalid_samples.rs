@@ -1,20 +1,21 @@
-//! Log messages about samples whose bytes are not a message of the topic's type.
+//! Log messages about received samples that are not valid messages of the topic's type.
 
 use std::collections::HashMap;
 
 use super::{Gid, NodeName, discovery, endpoint::EndpointSpec, graph_cache::GraphCache};
 
-/// Publishers that are counted one by one; those of further ones are counted together.
+/// Largest number of publishers that are counted individually; all further ones share one count.
 const PUBLISHERS: usize = 64;
 
-/// Counts the invalid samples of a subscription. The first of each publisher is logged, then the tenth, the hundredth...
+/// Counts the invalid samples of a subscription. For each publisher, the first, the tenth, the hundredth ... are
+/// logged.
 #[derive(Debug, Default)]
 pub(super) struct InvalidSamples {
     counts: HashMap<Option<Gid>, u64>,
 }
 
 impl InvalidSamples {
-    /// Counts a sample and logs it, unless that has been said often enough. `publisher` is `None` if it is not known.
+    /// Counts a sample and logs it if its number is due. `publisher` is `None` if unknown.
     pub(super) fn report(
         &mut self,
         (node, graph): (&NodeName, &GraphCache),
@@ -36,7 +37,7 @@ impl InvalidSamples {
         }
     }
 
-    /// The new count, if it is to be logged.
+    /// The new count if it is to be logged, otherwise `None`.
     fn count(&mut self, publisher: Option<Gid>) -> Option<u64> {
         let is_known = self.counts.contains_key(&publisher) || self.counts.len() < PUBLISHERS;
         let count = self
@@ -49,7 +50,7 @@ impl InvalidSamples {
     }
 }
 
-/// Why bytes are not a message of the type of `spec`.
+/// Log text for a sample that is not a message of the type of `spec`.
 pub(super) fn not_of_type(spec: &EndpointSpec, bytes: usize) -> String {
     let type_name = discovery::ros_type(&spec.dds_type);
     let type_name = type_name.as_deref().unwrap_or(&spec.dds_type);

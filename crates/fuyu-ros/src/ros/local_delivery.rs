@@ -1,15 +1,15 @@
 //! Delivery inside a participant: messages of its publishers reach its subscriptions in memory.
 //!
 //! A participant does not exchange messages with itself over its transport: DDS on loopback does not deliver them
-//! (docs/upstream.md), and elsewhere the receiving thread drops the messages of its own participant. Instead a publisher
-//! passes each message to the subscriptions of its topic in the same participant, in the thread that publishes; then the
-//! transport sends it to other participants. Subscriptions of the same Rust type share one copy; subscriptions that know the
-//! type by name only share the serialized bytes.
+//! (docs/upstream.md), and elsewhere the receiving thread drops the messages of its own participant. Instead the
+//! publishing thread passes each message to the subscriptions of its topic in the same participant; then the transport
+//! sends it to other participants. Subscriptions with the same Rust type share one copy of the message; raw
+//! subscriptions, which know the type by name only, share the serialized bytes.
 //!
-//! Endpoints are matched by the rules of DDS: same topic and type, and an offered quality of service that satisfies the
-//! requested one. The lock of a topic is held while a message enters the queues of its subscriptions, so that all get the
-//! messages of a publisher in the same order, and a late joiner gets each kept message once. Nothing is logged, no handler
-//! runs and nothing of the transport is called meanwhile.
+//! Endpoints are matched by the rules of DDS: same topic and type, and an offered QoS that satisfies the requested one.
+//! The lock of a topic is held while a message enters the queues of its subscriptions, so that all receive the messages
+//! of a publisher in the same order, and a late joiner receives each retained message once. While the lock is held,
+//! nothing is logged and neither handlers nor the transport are called.
 
 use bytes::Bytes;
 use std::{
@@ -33,7 +33,7 @@ pub(super) type AnyMessage = Arc<dyn Any + Send + Sync>;
 #[derive(Clone)]
 pub(super) struct LocalSample {
     pub(super) raw: RawSample,
-    /// The message itself, if the publisher has it.
+    /// The message itself, unless the publisher has only the bytes.
     pub(super) message: Option<AnyMessage>,
 }
 
@@ -43,15 +43,15 @@ impl From<RawSample> for LocalSample {
     }
 }
 
-/// A message that a publisher delivers.
+/// A message on its way from a publisher.
 pub(super) struct Outgoing<'a> {
     /// Encapsulation header and CDR.
     pub(super) cdr: Bytes,
-    /// Makes the shared copy of the message, if there is a subscription for it.
+    /// Creates the copy that subscriptions share; called only if one of them needs it.
     pub(super) message: Option<&'a dyn Fn() -> AnyMessage>,
-    /// Identity of the related request, of services.
+    /// For services: identity of the related request.
     pub(super) related: Option<SampleIdentity>,
-    /// Identity that the transport has given the sample, if it has been written already.
+    /// Identity of the sample if the transport has sent it already.
     pub(super) identity: Option<SampleIdentity>,
 }
 
@@ -65,7 +65,7 @@ impl LocalTopics {
     /// The topic with this DDS name.
     pub(super) fn topic(&self, dds_topic: &str) -> Arc<LocalTopic> {
         let mut topics = self.topics.lock().unwrap_or_else(PoisonError::into_inner);
-        // Those that no endpoint refers to any more.
+        // Unused topics: no endpoint refers to them.
         if topics.len() >= 2 * TOPICS_BEFORE_CLEANING {
             topics.retain(|_, topic| Arc::strong_count(topic) > 1);
         }
@@ -74,7 +74,7 @@ impl LocalTopics {
     }
 }
 
-/// Unused topics are removed when there are twice as many.
+/// Unused topics are removed once there are twice as many topics as this.
 const TOPICS_BEFORE_CLEANING: usize = 256;
 
 /// The endpoints of one topic in a participant.
@@ -91,14 +91,14 @@ struct Members {
 
 struct LocalWriter {
     writer: Arc<Writer>,
-    /// Subscriptions that are matched with it, in the order of their creation.
+    /// Matched subscriptions, in the order of their creation.
     matched: Vec<Arc<Reader>>,
     sent: i64,
-    /// For late joiners, of transient-local publishers.
+    /// Retained messages of transient-local publishers, for late joiners.
     kept: VecDeque<(Instant, LocalSample)>,
 }
 
-/// Two endpoints of a participant that do not exchange messages although their topic is the same.
+/// Why two endpoints of a participant on the same topic do not exchange messages.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Mismatch {
     /// The types differ: offered, requested.
@@ -108,7 +108,7 @@ pub(super) enum Mismatch {
 }
 
 impl LocalTopic {
-    /// Adds a publisher. Returns why it is not matched with some subscriptions.
+    /// Adds a publisher. Returns the reasons why subscriptions do not match it.
     pub(super) fn add_writer(&self, writer: &Arc<Writer>) -> Vec<Mismatch> {
         let mut members = self.lock();
         let mut mismatches = Vec::new();
@@ -131,8 +131,8 @@ impl LocalTopic {
         mismatches
     }
 
-    /// Adds a subscription, which gets the kept messages of transient-local publishers if it requests them. Returns why it
-    /// is not matched with some publishers.
+    /// Adds a subscription. If it requests them, it receives the retained messages of transient-local publishers.
+    /// Returns the reasons why publishers do not match it.
     pub(super) fn add_reader(&self, reader: &Arc<Reader>) -> Vec<Mismatch> {
         let mut members = self.lock();
         let mut mismatches = Vec::new();
@@ -156,7 +156,7 @@ impl LocalTopic {
         mismatches
     }
 
-    /// Removes a publisher, with its kept messages.
+    /// Removes a publisher and its retained messages.
     pub(super) fn remove_writer(&self, writer: &Arc<Writer>) {
         let mut members = self.lock();
         let own = |w: &LocalWriter| Arc::ptr_eq(&w.writer, writer);
@@ -167,7 +167,7 @@ impl LocalTopic {
         }
     }
 
-    /// Removes a subscription; it receives nothing from then on.
+    /// Removes a subscription, which receives no messages from then on.
     pub(super) fn remove_reader(&self, reader: &Arc<Reader>) {
         let mut members = self.lock();
         members.readers.retain(|r| !Arc::ptr_eq(r, reader));
@@ -182,7 +182,7 @@ impl LocalTopic {
         }
     }
 
-    /// Passes a message of `writer` to the subscriptions that are matched with it. Returns how many there are.
+    /// Passes a message of `writer` to its matched subscriptions. Returns their number.
     pub(super) fn deliver(&self, writer: &Arc<Writer>, outgoing: Outgoing) -> usize {
         let latched = writer.spec.qos.durability == Durability::TransientLocal;
         let mut members = self.lock();
@@ -194,7 +194,7 @@ impl LocalTopic {
         if !latched && state.matched.is_empty() {
             return 0;
         }
-        // Handlers get bytes only.
+        // Handlers receive only the bytes.
         let has_queue = |r: &Arc<Reader>| matches!(r.destination, Destination::Inbox(_));
         let is_shared = latched || state.matched.iter().any(has_queue);
         let now = Time::wall();
@@ -228,12 +228,12 @@ impl LocalTopic {
         state.matched.len()
     }
 
-    /// Readers on the wire of the reliable subscriptions.
+    /// GIDs of the transport's readers of reliable subscriptions.
     pub(super) fn reliable_readers(&self) -> Vec<Gid> {
         let members = self.lock();
         let reliable = members.readers.iter().filter(|r| r.spec.qos.is_reliable());
         let mut gids: Vec<Gid> = reliable.filter_map(|r| r.gid()).collect();
-        // Subscriptions share readers.
+        // Several subscriptions may share a reader.
         gids.sort();
         gids.dedup();
         gids
@@ -256,7 +256,7 @@ fn connect(writer: &Writer, reader: &Reader) {
     reader.counters.local.fetch_add(1, Relaxed);
 }
 
-/// Whether a publisher and a subscription of one topic exchange messages.
+/// Checks whether a publisher and a subscription of one topic exchange messages.
 fn check(offered: &EndpointSpec, requested: &EndpointSpec) -> Result<(), Mismatch> {
     if offered.dds_type != requested.dds_type {
         let (offered, requested) = (offered.dds_type.clone(), requested.dds_type.clone());

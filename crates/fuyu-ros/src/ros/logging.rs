@@ -20,7 +20,8 @@ use tracing_subscriber::{
 use super::{RosArgs, Time, node_core::NodeCore};
 use crate::msg::rcl_interfaces::Log;
 
-/// Libraries with messages that do not concern users, mostly at shutdown, and their level unless `--log-level` names them.
+/// Libraries whose messages do not concern users (most occur at shutdown), with their levels unless `--log-level` names
+/// them.
 const QUIET: [(&str, LevelFilter); 8] = [
     ("rustdds", LevelFilter::OFF),
     ("ros2_client", LevelFilter::OFF),
@@ -33,16 +34,16 @@ const QUIET: [(&str, LevelFilter); 8] = [
 ];
 
 thread_local! {
-    /// The node whose work this thread does.
+    /// The node that this thread works for.
     static NODE: RefCell<Weak<NodeCore>> = const { RefCell::new(Weak::new()) };
 }
 
-/// Assigns this thread to a node: its log messages carry the name of the node.
+/// Assigns this thread to a node, whose name its log messages carry.
 pub(super) fn enter(core: &Arc<NodeCore>) {
     NODE.with_borrow_mut(|node| *node = Arc::downgrade(core));
 }
 
-/// Starts the log of this process as `args` say. Does nothing if the program has one already.
+/// Starts the log of this process with the options of `args`. No effect if the program has a log already.
 pub fn init(args: &RosArgs) {
     let layer = RosLog {
         level: args.log_level.unwrap_or(LevelFilter::INFO),
@@ -67,7 +68,7 @@ fn is_within(name: &str, parent: &str) -> bool {
 }
 
 impl RosLog {
-    /// The level of a target or node: the longest logger name that fits, else the default.
+    /// The level of a target or node: that of the longest matching logger name, otherwise the default.
     fn level_of(&self, target: &str, node: Option<&str>) -> LevelFilter {
         let fits =
             |logger: &str| is_within(target, logger) || node.is_some_and(|n| is_within(n, logger));
@@ -108,7 +109,7 @@ impl<S: Subscriber> Layer<S> for RosLog {
             } else {
                 format!("[{label}] [{stamp}] [{name}]: {}\n", text.message)
             };
-            // A log that cannot be written has nowhere to complain.
+            // An error of writing the log cannot be reported.
             let _ = std::io::stderr().lock().write_all(line.as_bytes());
         }
         if let Some(core) = core
@@ -148,12 +149,12 @@ fn severity(level: Level) -> (u8, &'static str, &'static str) {
 #[derive(Default)]
 struct Text {
     message: String,
-    /// Set by the bridge from the `log` crate, whose records all have one target in `tracing`.
+    /// Target of a record of the `log` crate: the bridge gives all of them the same target in `tracing`.
     log_target: Option<String>,
 }
 
 impl Text {
-    /// Name of the crate that speaks, for want of a node.
+    /// Target of the message; used if the thread belongs to no node.
     fn target<'a>(&'a self, metadata: &'a Metadata<'_>) -> &'a str {
         let target = self.log_target.as_deref().unwrap_or(metadata.target());
         target.split("::").next().unwrap_or(target)

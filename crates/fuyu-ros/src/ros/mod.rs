@@ -49,21 +49,22 @@
 //! }
 //! ```
 //!
-//! # How a node runs
+//! # Threads of a node
 //! A node has three threads: the program, the receiving thread (handlers of raw subscriptions and services) and the
 //! sending thread (every [`Publisher`] has a bounded queue, so that publishing never blocks the program). A DDS
-//! participant has three more. There is no async runtime, since the program of a node is a loop with its own timing,
-//! which blocks on purpose.
+//! participant has three more. There is no async runtime, since a node's program is a loop with its own timing that
+//! blocks on purpose.
 //!
 //! # Several nodes in one process
-//! Nodes of a process share one participant, as composable nodes of ROS 2 do. Messages between them are passed in memory,
-//! without serialization where the types match, with the same quality of service as over DDS. DDS carries every topic to
-//! other processes. [`Process::isolated`] gives every node a participant of its own.
+//! Nodes of a process share one participant, like composable nodes of ROS 2. Messages between them are passed in
+//! memory, without serialization if the Rust types are the same, with the same quality of service as over DDS. Every
+//! topic is also available to other processes over DDS. [`Process::isolated`] gives every node a participant of its
+//! own.
 //!
 //! # DDS
-//! rustdds transports bytes; fuyu serializes messages ([`crate::msg::cdr`]). So all endpoints share one
-//! instance of the DDS code, a program can subscribe to types that it knows only by name, and a lost
-//! participant is replaced while handles stay valid. ros2-client provides the message `ros_discovery_info`, which
+//! rustdds transports bytes; fuyu serializes messages ([`crate::msg::cdr`]). So all endpoints share one instance of the
+//! generic DDS code, a program can subscribe to types that it knows only by name, and a failed participant can be
+//! replaced while the handles of endpoints stay valid. ros2-client provides the message `ros_discovery_info`, which
 //! assigns endpoints to nodes.
 
 mod action;

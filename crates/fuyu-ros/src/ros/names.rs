@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// Longest topic name that DDS takes, less the prefix and suffix that ROS adds.
+/// Longest topic name in DDS, without the prefix and suffix that ROS adds.
 const MAX_TOPIC: usize = 247;
 /// Longest node name or namespace.
 const MAX_NODE: usize = 255;
@@ -24,7 +24,7 @@ pub struct NodeName {
 }
 
 impl NodeName {
-    /// From a namespace (`/`, `/chaser`, also without the leading slash) and a name.
+    /// A name in a namespace (`/`, `/chaser`, also without the leading slash).
     ///
     /// # Errors
     /// [`NameError`] says which rule is broken.
@@ -62,8 +62,8 @@ impl NodeName {
         join(&self.namespace, &self.name)
     }
 
-    /// Full name of a topic or service: relative names go into the namespace, `~/name` below the node,
-    /// `{node}`, `{ns}` and `{namespace}` are replaced.
+    /// Full name of a topic or service: relative names are put into the namespace, `~/name` below the node; `{node}`,
+    /// `{ns}` and `{namespace}` are substituted.
     ///
     /// # Errors
     /// [`NameError`] says which rule is broken.
@@ -114,7 +114,7 @@ fn broken(kind: &'static str, name: &str, rule: impl Into<String>) -> NameError 
     }
 }
 
-/// Checks the parts of `path` (no leading slash); `shown` is what the user wrote.
+/// Checks the parts of `path` (no leading slash). `shown` is the user's text, for errors.
 fn check_tokens(
     kind: &'static str,
     shown: &str,
@@ -159,9 +159,9 @@ pub enum Target {
     Name {
         /// The name to replace, as written.
         from: String,
-        /// Whether topics are renamed.
+        /// Whether the rule applies to topics.
         topics: bool,
-        /// Whether services are renamed.
+        /// Whether the rule applies to services.
         services: bool,
     },
 }
@@ -169,15 +169,15 @@ pub enum Target {
 /// One `-r` argument.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Remap {
-    /// Only for the node that the program itself calls so.
+    /// The node, by the name in its program, that the rule is limited to.
     pub node: Option<String>,
-    /// The replaced name.
+    /// The name to be replaced.
     pub target: Target,
     /// The replacement.
     pub to: String,
 }
 
-/// The name of one node and the rules that hold for it.
+/// The name of a node and its remap rules.
 #[derive(Debug, Clone)]
 pub struct Names {
     node: NodeName,
@@ -185,10 +185,10 @@ pub struct Names {
 }
 
 impl Names {
-    /// Applies the node's own rules (`__node`, `__ns`) to the name that the program chose.
+    /// Creates the names of a node; `__node` and `__ns` rules are applied to the name that the program chose.
     ///
     /// # Errors
-    /// [`NameError`] if the name, before or after, breaks the rules.
+    /// [`NameError`] if the name breaks the rules before or after remapping.
     pub fn new(namespace: &str, name: &str, rules: &[Remap]) -> Result<Self, NameError> {
         let rules: Vec<_> = rules
             .iter()

@@ -1,4 +1,4 @@
-//! The handle that a node's program uses.
+//! Handle of a node, which its program uses.
 
 use std::{
     sync::{Arc, atomic::Ordering},
@@ -17,7 +17,7 @@ use super::{
 };
 use crate::msg::{self, Interface, Service};
 
-/// How a node is started.
+/// Options for starting a node.
 #[derive(Debug, Clone)]
 pub struct NodeOptions {
     /// Name that the program gives the node; remaps may change it.
@@ -26,13 +26,13 @@ pub struct NodeOptions {
     pub namespace: String,
     /// Remaps and parameters.
     pub args: Arc<RosArgs>,
-    /// Where its participant lives.
+    /// DDS domain and discovery range of the participant.
     pub domain: Domain,
-    /// Whether it has the six parameter services and publishes its parameter events, as nodes usually do.
+    /// Whether the node has the six parameter services and publishes parameter events, as nodes usually do.
     pub parameter_services: bool,
 }
 
-/// A node of the ROS graph. Clones are the same node; one thread at a time may wait on it.
+/// A node of the ROS graph. Clones refer to the same node; only one thread at a time may wait on it.
 #[derive(Clone)]
 pub struct Node {
     pub(super) core: Arc<NodeCore>,
@@ -54,7 +54,7 @@ impl Node {
         &self.core.params
     }
 
-    /// Publishes on `topic`, which is expanded and remapped.
+    /// Creates a publisher on `topic`, which is expanded and remapped.
     ///
     /// # Errors
     /// [`NodeError::Name`] for a name against the rules, [`NodeError::Dds`] if DDS refuses.
@@ -68,8 +68,8 @@ impl Node {
         Ok(Publisher::new(Arc::clone(&self.core), writer))
     }
 
-    /// Publishes bytes on `topic`, which is expanded and remapped, of a type (`pkg/msg/Name`) that need not be
-    /// declared in this program.
+    /// Creates a publisher of serialized messages on `topic`, which is expanded and remapped. The type (`pkg/msg/Name`)
+    /// need not be declared in this program.
     ///
     /// # Errors
     /// As [`Self::subscribe_raw`].
@@ -82,8 +82,8 @@ impl Node {
         self.advertise_recorded(topic, type_name, None, qos)
     }
 
-    /// As [`Self::advertise_raw`], with the type hash that a bag or a peer states (`RIHS01_...`). Zenoh needs it where the
-    /// type is not known here: it is part of the name of the topic.
+    /// As [`Self::advertise_raw`], with the type hash (`RIHS01_...`) from a bag or a peer. Zenoh needs the hash of
+    /// types that are not declared in this program, since it is part of the topic's key.
     ///
     /// # Errors
     /// As [`Self::subscribe_raw`].
@@ -117,12 +117,12 @@ impl Node {
         Ok(Subscription::new(Arc::clone(&self.core), reader, inbox))
     }
 
-    /// Subscribes to the bytes of `topic`, whose type (`pkg/msg/Name`) need not be declared in this program. The
-    /// handler runs on the node's receiving thread: it should be quick, and its panic ends the node.
+    /// Subscribes to serialized messages of `topic`, whose type (`pkg/msg/Name`) need not be declared in this program.
+    /// The handler runs on the node's receiving thread: it should be fast. A panic in it ends the node.
     ///
     /// # Errors
-    /// [`NodeError::Name`] for a name against the rules, [`NodeError::Input`] for a type that is not of
-    /// the form above, [`NodeError::Dds`] if DDS refuses.
+    /// [`NodeError::Name`] for an invalid name, [`NodeError::Input`] for a type that is not of the form above,
+    /// [`NodeError::Dds`] if DDS refuses.
     pub fn subscribe_raw(
         &self,
         topic: &str,
@@ -133,7 +133,7 @@ impl Node {
         self.subscribe_resolved(self.core.names.topic(topic)?, type_name, qos, handler)
     }
 
-    /// As [`Self::subscribe_raw`], to the topic of a discovered publisher: its name is not remapped.
+    /// As [`Self::subscribe_raw`], to the topic of a discovered publisher, whose name is not remapped.
     ///
     /// # Errors
     /// [`NodeError::Dds`] if DDS refuses.
@@ -163,9 +163,10 @@ impl Node {
         self.subscribe_patiently(name, type_name, qos, Duration::ZERO, handler)
     }
 
-    /// As [`Self::subscribe_resolved`], with a handler that may run up to `patience` after a sample has arrived, or later
-    /// than that while the thread is busy. The receiving thread then handles all samples of that time at once, in the order
-    /// of their arrival, which costs much less than being woken for each. Calls of services of the node do not wait.
+    /// As [`Self::subscribe_resolved`], with a handler that may run up to `patience` after a sample has arrived, or
+    /// later while the receiving thread is busy. The receiving thread then handles all samples of that time together,
+    /// in the order of their arrival, which costs much less than waking for each. Service calls of the node do not
+    /// wait.
     ///
     /// # Errors
     /// As [`Self::subscribe_resolved`].
@@ -195,8 +196,8 @@ impl Node {
         Ok(RawSubscription::new(Arc::clone(&self.core), reader))
     }
 
-    /// Serves `name`, which is expanded and remapped. The handler runs on the
-    /// node's receiving thread: it should be quick.
+    /// Serves `name`, which is expanded and remapped. The handler runs on the node's receiving thread: it should be
+    /// fast.
     ///
     /// # Errors
     /// [`NodeError::Name`] for a name against the rules, [`NodeError::Dds`] if DDS refuses.
@@ -208,7 +209,7 @@ impl Node {
         self.serve_later::<S>(name, move |request, reply| reply.send(&handler(request)))
     }
 
-    /// As [`Self::serve`], but the handler may send the reply later, from any thread.
+    /// As [`Self::serve`], but the handler may return before the reply is sent, later and from any thread.
     ///
     /// # Errors
     /// As [`Self::serve`].
@@ -221,7 +222,7 @@ impl Node {
         ServiceServer::new::<S>(&self.core, &full_name, handler)
     }
 
-    /// Serves `name`, which is expanded and remapped, from the program: calls wait in a queue and wake it.
+    /// Serves `name`, which is expanded and remapped. Calls wait in a queue for the program and wake it.
     ///
     /// # Errors
     /// As [`Self::serve`].
@@ -230,7 +231,7 @@ impl Node {
         Calls::new(&self.core, &full_name)
     }
 
-    /// A client of the service `name`, which is expanded and remapped.
+    /// Creates a client of the service `name`, which is expanded and remapped.
     ///
     /// # Errors
     /// As [`Self::serve`].
@@ -247,30 +248,31 @@ impl Node {
         Ok(self.core.names.topic(topic)?)
     }
 
-    /// Publishers of other nodes: those of the same participant, and those of others that have been discovered.
+    /// Publishers of other nodes, of the same participant and discovered ones.
     pub fn discovered_publishers(&self) -> Vec<DiscoveredPublisher> {
         self.core.participant.publishers(&self.core.name)
     }
 
-    /// Topics of other nodes of the same participant, without the topics of every node.
+    /// Topics of other nodes of the same participant, except those that every node has.
     pub fn local_topics(&self) -> Vec<LocalTopicUse> {
         self.core.participant.local_topics(&self.core.name)
     }
 
-    /// Calls `handler` for everything that another node of the same participant publishes or subscribes to, now or later: in
-    /// the thread that creates the endpoint, before its first message. The handler may subscribe; it should be quick, and its
-    /// panic ends this node.
+    /// Calls `handler` for every present and future topic that another node of the same participant publishes or
+    /// subscribes to. For a new endpoint the call comes before its first message, in the thread that creates it. The
+    /// handler may subscribe; it should be fast, and a panic in it ends this node.
     pub fn watch_local_topics(&self, handler: impl Fn(&LocalTopicUse) + Send + Sync + 'static) {
         let (participant, node) = (&self.core.participant, self.core.member());
         participant.watch_topics(&node, Arc::new(handler));
     }
 
-    /// Whether it is a process of its own, from [`run`](super::run).
+    /// Whether the node is a process of its own, started by [`run`](super::run).
     pub fn is_only_node(&self) -> bool {
         self.core.is_only_node
     }
 
-    /// Owner of a publisher for messages: `node` and its full name, or the GID of the publisher if its node is not known.
+    /// Text for log messages that identifies a publisher: `node` with the full name of its node, or its GID if the node
+    /// is not known.
     pub fn owner_of(&self, publisher: Gid) -> String {
         match self.node_of(publisher) {
             Some(name) => format!("node {name}"),
@@ -278,13 +280,12 @@ impl Node {
         }
     }
 
-    /// Full name of the node of a publisher, if it is known.
+    /// Full name of the node that a publisher belongs to, if known.
     pub fn node_of(&self, publisher: Gid) -> Option<String> {
         self.core.participant.node_of(publisher)
     }
 
-    /// Messages that the node's endpoints have lost because they were too slow: topic and number, without those that have
-    /// lost none.
+    /// Topics on which the node has lost messages because it was too slow, with their numbers.
     pub fn lost_messages(&self) -> Vec<(String, u64)> {
         let endpoints = self.core.participant.endpoints();
         let own = |node: &Arc<NodeName>| Arc::ptr_eq(node, &self.core.name);
@@ -308,7 +309,7 @@ impl Node {
         &self.core.clock
     }
 
-    /// The node's time: of the computer, or of `/clock`.
+    /// The node's time: of the computer, or from `/clock`.
     pub fn now(&self) -> Time {
         self.core.clock.now()
     }
@@ -323,28 +324,28 @@ impl Node {
         !self.core.stop_state.is_stopping()
     }
 
-    /// Says that the program has created the endpoints that others should find.
+    /// Declares that the program has created the endpoints that other nodes should find.
     pub fn set_ready(&self) {
         self.core.is_ready.store(true, Ordering::Release);
     }
 
-    /// Whether the program has said that it is ready ([`Self::set_ready`]).
+    /// Whether the program has declared that it is ready ([`Self::set_ready`]).
     pub fn is_ready(&self) -> bool {
         self.core.is_ready.load(Ordering::Acquire)
     }
 
-    /// Asks the node to stop.
+    /// Requests the node to stop.
     pub fn request_stop(&self) {
         self.core.request_stop();
     }
 
-    /// Waits for an event: a message, a service call, a changed parameter, a tick of the simulated clock or a stop request.
-    /// Events since the last wait count. Returns [`Self::ok`].
+    /// Waits for an event: a message, a service call, a changed parameter, a tick of the simulated clock or a stop
+    /// request. Returns at once if an event has occurred since the last wait. Returns [`Self::ok`].
     pub fn wait(&self) -> bool {
         self.wait_event(None)
     }
 
-    /// As [`Self::wait`], but at most `patience` (wall time).
+    /// As [`Self::wait`], for at most `patience` (wall time).
     pub fn wait_for(&self, patience: Duration) -> bool {
         self.wait_event(Instant::now().checked_add(patience))
     }
@@ -357,8 +358,7 @@ impl Node {
         self.wait_event(self.core.clock.instant(deadline))
     }
 
-    /// Sleeps until `deadline` in the node's time, regardless of events; only a stop request ends it early.
-    /// Returns [`Self::ok`].
+    /// Sleeps until `deadline` in the node's time. Only a stop request ends the sleep early. Returns [`Self::ok`].
     pub fn sleep_until(&self, deadline: Time) -> bool {
         while self.ok() && self.now() < deadline {
             self.wait_until(deadline);
@@ -384,7 +384,7 @@ impl Node {
     }
 }
 
-/// Specification of an endpoint whose type is known by name only.
+/// Specification of an endpoint whose type is known only by name.
 fn raw_spec(name: String, type_name: &str, qos: Qos) -> Result<EndpointSpec, NodeError> {
     let Some(dds_type) = discovery::dds_type(type_name) else {
         return Err(NodeError::Input(format!(

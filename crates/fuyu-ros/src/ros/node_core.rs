@@ -1,4 +1,5 @@
-//! State of a node that its handle, endpoints and threads share; it outlives sessions.
+//! State of a node, shared by its handle, endpoints and threads. It persists when the session of the transport is
+//! replaced.
 
 use bytes::Bytes;
 use std::{
@@ -27,10 +28,10 @@ use crate::msg::{Interface, cdr, rosgraph_msgs};
 /// State of a node, shared by its handle, its endpoints and its threads.
 pub(super) struct NodeCore {
     pub(super) names: Names,
-    /// Identifies the node in its participant.
+    /// Name of the node; the pointer identifies the node within its participant.
     pub(super) name: Arc<NodeName>,
     pub(super) participant: Arc<Participant>,
-    /// Whether it is a process of its own.
+    /// Whether the node is a process of its own.
     pub(super) is_only_node: bool,
     pub(super) events: Arc<Events>,
     pub(super) stop_state: Arc<StopState>,
@@ -39,27 +40,27 @@ pub(super) struct NodeCore {
     pub(super) params: Arc<ParameterStore>,
     pub(super) clock: Clock,
     pub(super) diagnostics: Diagnostics,
-    /// Count of events at the last wait of the program.
+    /// Event count at the last wait of the program.
     pub(super) seen: AtomicU64,
-    /// Whether the program has what it needs to do its work.
+    /// Whether the program has declared that it is ready.
     pub(super) is_ready: AtomicBool,
     follows_clock: Mutex<bool>,
-    /// Where `/rosout` is published, if it is.
+    /// Publisher of `/rosout`, if it is enabled.
     log: OnceLock<Arc<Writer>>,
 }
 
-/// Where a node runs.
+/// Process and participant of a node.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Place {
     pub(super) domain: Domain,
-    /// It has a participant, although other nodes are in its process.
+    /// Whether the node has a participant of its own although the process has other nodes.
     pub(super) isolated: bool,
-    /// It is a process of its own.
+    /// Whether the node is a process of its own.
     pub(super) only_node: bool,
 }
 
 impl NodeCore {
-    /// A node that is connected through one of the `participants`, or through a new one if it is isolated.
+    /// A node that uses one of the `participants`, or a new one if it is isolated.
     pub(super) fn new(
         names: Names,
         params: Arc<ParameterStore>,
@@ -92,7 +93,7 @@ impl NodeCore {
         })
     }
 
-    /// The node as its participant knows it.
+    /// The node's entry in its participant.
     pub(super) fn member(&self) -> Member {
         Member {
             name: Arc::clone(&self.name),
@@ -101,7 +102,7 @@ impl NodeCore {
     }
 
     pub(super) fn set_log(&self, writer: Arc<Writer>) {
-        // A node starts once.
+        // A node starts only once, so the log is not set yet.
         let _ = self.log.set(writer);
     }
 
@@ -109,7 +110,7 @@ impl NodeCore {
         self.log.get()
     }
 
-    /// Leaves the graph for good.
+    /// Removes the node from the graph permanently.
     pub(super) fn leave(&self) {
         self.participant.remove_node(&self.name);
     }
@@ -118,7 +119,7 @@ impl NodeCore {
         self.participant.add_writer(&self.name, spec)
     }
 
-    /// A subscription whose handler runs on the receiving thread.
+    /// Creates a subscription whose handler runs on the receiving thread.
     pub(super) fn add_reader(
         &self,
         spec: EndpointSpec,
@@ -127,7 +128,7 @@ impl NodeCore {
         self.add_patient_reader(spec, sink, Duration::ZERO)
     }
 
-    /// The same; samples may wait for `patience` so that the thread handles several at once.
+    /// As [`Self::add_reader`]; samples may wait for `patience`, so that the thread handles several at once.
     pub(super) fn add_patient_reader(
         &self,
         spec: EndpointSpec,
@@ -143,7 +144,7 @@ impl NodeCore {
         self.participant.add_reader(&self.name, spec, destination)
     }
 
-    /// A subscription with a queue.
+    /// Creates a subscription with a queue.
     pub(super) fn add_queue(
         &self,
         spec: EndpointSpec,
@@ -161,13 +162,13 @@ impl NodeCore {
         self.participant.remove_reader(reader);
     }
 
-    /// Publishes a message: in memory to this participant, through the transport to the others.
+    /// Publishes a message: in memory within this participant, through the transport to others.
     pub(super) fn publish<M: Interface>(&self, writer: &Arc<Writer>, message: &M) {
         let share = || -> AnyMessage { Arc::new(message.clone()) };
         self.publish_bytes(writer, cdr::encode(message).into(), Some(&share));
     }
 
-    /// The same with a message that is CDR already.
+    /// As [`Self::publish`], for a message that is already serialized (CDR).
     pub(super) fn publish_cdr(&self, writer: &Arc<Writer>, cdr: Bytes) {
         self.publish_bytes(writer, cdr, None);
     }
@@ -219,7 +220,7 @@ impl NodeCore {
         }
     }
 
-    /// Changes between the computer's time and that of `/clock`, which is subscribed to from then on.
+    /// Switches between the computer's time and simulated time; subscribes to `/clock` when that is first needed.
     pub(super) fn use_sim_time(&self, simulated: bool) -> Result<(), NodeError> {
         let mut following = self
             .follows_clock
@@ -246,7 +247,7 @@ impl NodeCore {
         self.stop_state.stop();
     }
 
-    /// Number of messages of a publisher that were lost.
+    /// Number of lost messages of a publisher.
     pub(super) fn lost(writer: &Writer) -> u64 {
         let counters = &writer.counters;
         counters.dropped.load(Relaxed) + counters.failed.load(Relaxed)

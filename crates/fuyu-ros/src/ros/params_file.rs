@@ -10,8 +10,8 @@
 //! /**:                     # every node; `/chaser/*` is every node of a namespace
 //!   ros__parameters: {use_sim_time: true}
 //! ```
-//! Later lines win over earlier ones. A name without a leading slash is a node of that name in whatever
-//! namespace it was started, so that one scenario serves several robots; rclcpp would look in `/` only.
+//! Later lines override earlier ones. A name without a leading slash matches a node of that name in any namespace, so
+//! that one scenario serves several robots; in rclcpp it matches in `/` only.
 
 use serde_saphyr::{Location, Spanned};
 use std::{
@@ -54,15 +54,15 @@ impl fmt::Display for ParamsFileError {
 
 impl std::error::Error for ParamsFileError {}
 
-/// The parameters of one node pattern.
+/// Parameters of all nodes that match a pattern.
 #[derive(Debug, Clone, PartialEq)]
 struct Section {
-    /// Tokens of the pattern; an absolute one starts with an empty token.
+    /// Tokens of the pattern; an absolute pattern starts with an empty token.
     pattern: Vec<String>,
     parameters: Vec<(String, ParameterValue, u64)>,
 }
 
-/// A parameter file, read and checked.
+/// A parsed and checked parameter file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParamsFile {
     file: PathBuf,
@@ -73,7 +73,7 @@ impl ParamsFile {
     /// Reads a file.
     ///
     /// # Errors
-    /// [`ParamsFileError`] with file, line, field and what would be right.
+    /// [`ParamsFileError`] with file, line, field and the allowed values.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, ParamsFileError> {
         let path = path.as_ref();
         let text = input_file::read_text(path, LARGEST_YAML).map_err(|e| ParamsFileError {
@@ -85,7 +85,7 @@ impl ParamsFile {
         Self::parse(path, &text)
     }
 
-    /// Reads `text`, which errors will call `path`.
+    /// Parses `text`; errors name the file `path`.
     ///
     /// # Errors
     /// As [`Self::read`].
@@ -112,8 +112,7 @@ impl ParamsFile {
         })
     }
 
-    /// Parameters of the node `name` in the order of the file; of two with the same name the last one
-    /// counts.
+    /// Parameters of the node `name` in the order of the file; of two with the same name the last one applies.
     pub fn overrides(&self, name: &NodeName) -> Vec<Override> {
         let full = name.full();
         let tokens: Vec<&str> = full[1..].split('/').collect();
@@ -134,14 +133,14 @@ impl ParamsFile {
             .collect()
     }
 
-    /// Nodes that the file names without a wildcard, in its order, each once.
+    /// Nodes that the file names without a wildcard, in its order, without repetition.
     pub fn nodes(&self) -> Vec<NodeName> {
         let mut nodes = Vec::new();
         for section in &self.sections {
             let Some((name, namespace)) = section.pattern.split_last() else {
                 continue;
             };
-            // A pattern with a wildcard is no valid name.
+            // Patterns with wildcards are invalid node names and are skipped here.
             if let Ok(node) = NodeName::new(&namespace.join("/"), name)
                 && !nodes.contains(&node)
             {
@@ -167,7 +166,7 @@ impl Section {
     }
 }
 
-/// `*` is one token, `**` any number.
+/// Whether a pattern matches a node's name: `*` stands for one token, `**` for any number of tokens.
 fn matches(pattern: &[&str], tokens: &[&str]) -> bool {
     match (pattern, tokens) {
         ([], []) => true,
@@ -200,7 +199,7 @@ impl Reader {
         }
     }
 
-    /// Namespaces and nodes down to `ros__parameters`.
+    /// Reads the levels of namespaces and nodes down to `ros__parameters`.
     fn nodes(&mut self, above: &[String], tree: &Spanned<Tree>) -> Result<(), ParamsFileError> {
         let shown = above.join("/");
         let Tree::Map(entries) = &tree.value else {
@@ -225,7 +224,7 @@ impl Reader {
             }
             let tokens = key.value.split('/').map(str::to_owned);
             let mut path = above.to_vec();
-            // Below a namespace `/camera` and `camera` are the same.
+            // Within a namespace, `/camera` and `camera` are the same.
             path.extend(tokens.skip(usize::from(!above.is_empty() && key.value.starts_with('/'))));
             check_pattern(&path).map_err(|problem| self.error(at, key.value.clone(), problem))?;
             if !matches!(value.value, Tree::Map(_)) {
@@ -244,7 +243,7 @@ impl Reader {
         Ok(())
     }
 
-    /// Nested mappings become dotted names.
+    /// Reads parameters; nested mappings become dotted names.
     fn parameters(
         &self,
         node: &str,
@@ -268,7 +267,7 @@ impl Reader {
                 }
                 Ok(())
             }
-            // A node without parameters is still a node.
+            // A node without parameters is valid.
             Tree::Null if prefix.is_empty() => Ok(()),
             other if prefix.is_empty() => {
                 let problem = format!("expected `name: value` lines, found {}", other.kind());
@@ -286,7 +285,7 @@ impl Reader {
     }
 }
 
-/// Whether the tokens can name a node, with wildcards as whole tokens.
+/// Checks that the tokens can match a node's name; wildcards must be whole tokens.
 fn check_pattern(tokens: &[String]) -> Result<(), String> {
     let absolute = usize::from(tokens.first().is_some_and(String::is_empty));
     for token in &tokens[absolute..] {

@@ -75,10 +75,10 @@ fn nodes_are_matched_by_name_namespace_and_wildcard() {
     assert_eq!(gain("/chaser", "camera"), V::Double(2.5));
     assert_eq!(gain("/other", "camera"), V::Double(0.5));
     assert_eq!(gain("/chaser", "controller"), V::Double(3.5));
-    // Without a slash: the node in any namespace.
+    // A name without a slash matches the node in any namespace.
     let steps = value(&given("/chaser", "dynamics"), "steps");
     assert_eq!(steps, V::Integer(3));
-    // `*` is one name, not two.
+    // `*` matches one name, not two.
     let everyone = |namespace| value(&given(namespace, "x"), "everyone");
     assert_eq!(everyone("/chaser"), V::Integer(1));
     assert_eq!(everyone("/chaser/arm"), V::NotSet);
@@ -104,7 +104,7 @@ fn overrides_know_their_line() {
     assert_eq!(step.source.to_string(), "a.yaml:8");
 }
 
-/// Each broken file must name file, line, field and what would be right.
+/// The error of each broken file must state file, line, field and the allowed values.
 #[test]
 fn broken_files_are_explained() {
     for (text, line, field, expected) in [

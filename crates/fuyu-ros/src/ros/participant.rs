@@ -1,8 +1,10 @@
-//! A participant that the nodes of a process share, with their endpoints. It outlives the sessions of its transport.
+//! A participant with the endpoints of the nodes that share it. It persists when the session of its transport is
+//! replaced.
 //!
-//! Three locks are taken in this order only: (1) the connection, which is locked while the transport creates an endpoint;
-//! (2) the endpoints; (3) a topic inside the participant ([`LocalTopic`](super::local_delivery::LocalTopic)). Messages are
-//! delivered, sent and received without lock 1, and the transport destroys endpoints without any lock.
+//! There are three locks, which are always taken in this order: (1) the connection, locked while the transport creates
+//! an endpoint; (2) the endpoints; (3) a topic inside the participant
+//! ([`LocalTopic`](super::local_delivery::LocalTopic)). Messages are delivered, sent and received without lock 1, and
+//! the transport destroys endpoints without any lock.
 
 use std::{
     collections::BTreeSet,
@@ -25,23 +27,23 @@ use super::{
     },
 };
 
-/// Sessions that are tried, one after the other, before a node fails.
+/// Largest number of successive attempts to open a session before a node fails.
 const MAX_SESSIONS: usize = 5;
 
-/// Pause before the next session is tried.
+/// Pause before another attempt.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// How long the end of a subscription waits for its handler.
+/// Longest time that the end of a subscription waits for its handler to process the last samples.
 const LAST_SAMPLES: Duration = Duration::from_secs(5);
 
-/// Whether the nodes are in the graph.
+/// Connection of a participant to the ROS graph.
 #[derive(Default)]
 enum Connection {
-    /// Not connected yet, or no more because DDS failed; it may connect.
+    /// Not connected yet, or no longer because DDS failed; another attempt is possible.
     #[default]
     Disconnected,
     Connected(Box<dyn Session>),
-    /// Left the graph for good, with the last node; a new participant would never be closed.
+    /// Left the graph permanently, with the last node. Nothing would close a new session.
     Closed,
 }
 
@@ -54,7 +56,7 @@ impl Connection {
     }
 }
 
-/// Called when another node publishes or subscribes.
+/// Callback for topics that another node publishes or subscribes to.
 type Watcher = Arc<dyn Fn(&LocalTopicUse) + Send + Sync>;
 
 /// One participant and its nodes.
@@ -62,11 +64,11 @@ pub(super) struct Participant {
     domain: Domain,
     transport: Arc<dyn Transport>,
     connection: Mutex<Connection>,
-    /// For questions that must not wait for the connection.
+    /// Answers queries that must not wait for the lock of the connection.
     discovery: Mutex<Option<Arc<dyn Discovery>>>,
     pub(super) shared: Shared,
     topics: LocalTopics,
-    /// Discovered topics and types against the rules of ROS that a warning was logged for.
+    /// Invalid topics and types in discovery for which a warning was logged.
     warned_topics: Mutex<BTreeSet<(String, String)>>,
     watchers: Mutex<Vec<(Member, Watcher)>>,
 }
@@ -85,7 +87,7 @@ impl Participant {
         }
     }
 
-    /// The DDS domain.
+    /// DDS domain of the participant.
     pub(super) fn domain(&self) -> Domain {
         self.domain
     }
@@ -112,7 +114,7 @@ impl Participant {
         std::mem::replace(&mut *discovery, new)
     }
 
-    /// Adds a node; the first one connects. Returns false if the last node has left already.
+    /// Adds a node; the first node connects the participant. Returns false if the last node has left already.
     pub(super) fn add_node(&self, node: &Member) -> Result<bool, NodeError> {
         let mut connection = self.connection();
         if matches!(*connection, Connection::Closed) {
@@ -178,13 +180,13 @@ impl Participant {
         if is_last {
             drop(self.set_discovery(None));
         }
-        // Without locks: the transport may take its time.
+        // Dropped without locks, since the transport may take long.
         drop(detached);
         drop(closed);
     }
 
-    /// Opens a new session with all endpoints in place of the present one, which no longer works. Returns false
-    /// if there is none.
+    /// Replaces the present session, which no longer works, by a new one with all endpoints. Returns false if there is
+    /// no session.
     pub(super) fn reconnect(&self) -> Result<bool, NodeError> {
         let mut connection = self.connection();
         if connection.session().is_none() {
@@ -207,14 +209,15 @@ impl Participant {
         }
     }
 
-    /// Which peer has returned after it was lost, for the log; once per loss.
+    /// Description of a lost peer that has returned, for the log; reported once per loss.
     fn take_returned_peer(&self) -> Option<String> {
-        // Somebody who connects or creates an endpoint must not be waited for; the next call will find it.
+        // Does not wait while a thread connects or creates an endpoint; the next call reports the peer.
         drop(self.connection.try_lock().ok()?);
         self.discovery()?.take_returned_peer()
     }
 
-    /// The same as [`Self::reconnect`], if an interruption of the process or of its time breaks the session.
+    /// As [`Self::reconnect`], if the session does not survive an interruption of the process or a step of the wall
+    /// clock.
     fn reconnect_after_interruption(&self, reason: &str) {
         if self.transport.breaks_when_interrupted() {
             self.reconnect_and_log(reason);
@@ -223,7 +226,7 @@ impl Participant {
 
     /// Connects if an earlier attempt failed. Returns whether it has connected.
     fn connect_again(&self) -> bool {
-        // Somebody else who connects now must not be waited for.
+        // Does not wait while another thread connects.
         let Ok(mut connection) = self.connection.try_lock() else {
             return false;
         };
@@ -235,13 +238,13 @@ impl Participant {
                 .is_ok()
     }
 
-    /// Connects, in place of a session that may have deadlocked.
+    /// Connects the participant. Replaces the present session, if any, which may have deadlocked.
     fn connect(
         &self,
         connection: &mut Connection,
         mut old: AbandonedSession,
     ) -> Result<(), TransportError> {
-        // Its drop may wait for threads that have ended, so it is dropped elsewhere.
+        // Dropping a session may wait for threads that have ended, so `AbandonedSession` drops it in another thread.
         if let Connection::Connected(session) = std::mem::take(connection) {
             let discovery = self.set_discovery(None);
             old.keep((endpoint::detach(&self.endpoints()), session, discovery));
@@ -253,7 +256,7 @@ impl Participant {
             match new {
                 Ok(_) | Err(TransportError::NoDescriptors(_)) => break,
                 Err(TransportError::Deadlocked(_)) => {}
-                // A signal can end the threads of a new participant too.
+                // A signal may have ended the threads of the new participant as well.
                 Err(TransportError::Other(_)) => thread::sleep(PAUSE),
             }
             new = signals::with_blocked(open);
@@ -329,9 +332,9 @@ impl Participant {
         Ok(reader)
     }
 
-    /// Replaces the session when an endpoint cannot be added: it may have deadlocked, or a signal may have ended its
-    /// threads while the node was created. The new one has all endpoints including this one, or it is an error. Where only
-    /// descriptors are missing, everything else stays as it is.
+    /// Replaces the session after a failure to add an endpoint: the session may have deadlocked, or a signal may have
+    /// ended its threads while the node was created. The new session has all endpoints including this one; otherwise an
+    /// error is returned. If only file descriptors are missing, the session is kept.
     fn reconnect_with_endpoint(
         &self,
         connection: &mut Connection,
@@ -359,11 +362,11 @@ impl Participant {
         let detached = session.and_then(|session| session.remove_writer(writer));
         drop(connection);
         writer.local.remove_writer(writer);
-        // Without locks: the transport may take its time.
+        // Dropped without locks, since the transport may take long.
         drop(detached);
     }
 
-    /// Removes a subscription. Samples that it has received are handled before it ends.
+    /// Removes a subscription. Samples that were received before are still handled.
     pub(super) fn remove_reader(&self, reader: &Arc<Reader>) {
         let mut connection = self.connection();
         let mut endpoints = self.endpoints();
@@ -402,7 +405,7 @@ impl Participant {
             .collect()
     }
 
-    /// Topics of the other nodes of this participant, without the topics of every node.
+    /// Topics of the other nodes of this participant, except those that every node has.
     pub(super) fn local_topics(&self, node: &Arc<NodeName>) -> Vec<LocalTopicUse> {
         let endpoints = self.endpoints();
         let writers = endpoints.writers.iter();
@@ -416,8 +419,8 @@ impl Participant {
             .collect()
     }
 
-    /// Calls `watcher` for everything that another node of this participant publishes or subscribes to, now or later: in the
-    /// thread that creates the endpoint, before its first message.
+    /// Calls `watcher` for every present and future topic that another node of this participant publishes or subscribes
+    /// to. For a new endpoint the call comes before its first message, in the thread that creates it.
     pub(super) fn watch_topics(&self, node: &Member, watcher: Watcher) {
         self.watchers().push((node.clone(), Arc::clone(&watcher)));
         for topic in self.local_topics(&node.name) {
@@ -448,7 +451,7 @@ impl Participant {
         }
     }
 
-    /// Logs that a sample is not of the type of its subscription, unless that has been said often enough.
+    /// Logs that a sample is not of its subscription's type, at a limited rate.
     pub(super) fn report_invalid(&self, reader: &Reader, publisher: Gid, length: usize) {
         let problem = not_of_type(&reader.spec, length);
         reader.report_invalid(&self.shared.graph, Some(publisher), &problem);
@@ -470,7 +473,7 @@ impl Participant {
         endpoints.nodes.iter().map(|n| n.name.full()).collect()
     }
 
-    /// Whether every node is to stop.
+    /// Whether all nodes are stopping.
     pub(super) fn is_stopping(&self) -> bool {
         let endpoints = self.endpoints();
         endpoints.nodes.iter().all(|n| n.stop_state.is_stopping())
@@ -478,7 +481,7 @@ impl Participant {
 }
 
 fn warn_of_mismatches(spec: &EndpointSpec, node: &NodeName, mismatches: &[Mismatch]) {
-    // One warning says enough.
+    // One warning suffices.
     match mismatches.first() {
         Some(Mismatch::Types(offered, requested)) => tracing::warn!(
             "node {node}: topic {} is not exchanged with another node of this process: {offered} is offered, {requested} \
@@ -493,7 +496,7 @@ fn warn_of_mismatches(spec: &EndpointSpec, node: &NodeName, mismatches: &[Mismat
     }
 }
 
-/// Participants of a process, by domain; each has at least one node.
+/// The participants of a process. Each has a domain and at least one node.
 #[derive(Default)]
 pub(super) struct Participants {
     all: Mutex<Vec<Weak<Participant>>>,
@@ -501,7 +504,7 @@ pub(super) struct Participants {
 }
 
 impl Participants {
-    /// None yet; all will be connected by this middleware.
+    /// No participants yet; all future ones use this middleware.
     pub(super) fn new(middleware: Middleware) -> Self {
         Self {
             all: Mutex::default(),
@@ -509,8 +512,8 @@ impl Participants {
         }
     }
 
-    /// Adds a node to the participant of its domain, or to a new one if that is missing, has been closed, or if nodes are
-    /// `isolated`.
+    /// Adds a node to the participant of its domain. Creates the participant if there is none, if the existing one is
+    /// closed, or if the node is `isolated`.
     pub(super) fn add_node(
         &self,
         domain: Domain,
@@ -532,14 +535,14 @@ impl Participants {
         Ok(new)
     }
 
-    /// Those whose nodes are not stopping.
+    /// Participants that are not stopping.
     fn working(&self) -> Vec<Arc<Participant>> {
         let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
         let all = all.iter().filter_map(Weak::upgrade);
         all.filter(|p| !p.is_stopping()).collect()
     }
 
-    /// Connects the participants that could not be reconnected. To be called from time to time.
+    /// Connects the participants whose reconnection has failed. Must be called periodically.
     pub(super) fn connect_again(&self) {
         for participant in self.working() {
             if participant.connect_again() {
@@ -549,8 +552,8 @@ impl Participants {
         }
     }
 
-    /// Reconnects all participants whose nodes are not stopping and whose session an interruption for this reason breaks;
-    /// at the same time, as each spends most of it waiting.
+    /// Reconnects, in parallel, all participants that are not stopping and whose session does not survive this
+    /// interruption. Each spends most of the time waiting.
     pub(super) fn reconnect_after_interruption(&self, reason: &str) {
         thread::scope(|scope| {
             for participant in self.working() {
@@ -559,7 +562,7 @@ impl Participants {
         });
     }
 
-    /// Reconnects the participants that a lost peer has returned to. To be called from time to time.
+    /// Reconnects the participants to which a lost peer has returned. Must be called periodically.
     pub(super) fn reconnect_after_loss(&self) {
         for participant in self.working() {
             if let Some(reason) = participant.take_returned_peer() {

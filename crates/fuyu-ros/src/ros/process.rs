@@ -1,4 +1,4 @@
-//! The nodes of one process: started, kept connected, stopped in order.
+//! Runs the nodes of one process: starts them, keeps them connected, stops them in order.
 
 use std::{
     panic::{AssertUnwindSafe, catch_unwind},
@@ -31,13 +31,13 @@ use crate::msg::{diagnostic_msgs::DiagnosticArray, rcl_interfaces::Log};
 
 /// How often a node reports its health.
 const DIAGNOSTICS_PERIOD: Duration = Duration::from_secs(1);
-/// How often a process checks whether the wall clock was set back, and whether it is in the graph.
+/// Period at which a process checks for a wall clock that was set back, and checks its connection to the graph.
 const CHECK_PERIOD: Duration = Duration::from_secs(1);
-/// Time that a node may take to end after a stop request.
+/// Longest time that a node may take to end after a stop request.
 const STOP_PATIENCE: Duration = Duration::from_secs(10);
 
-/// Runs one node as a process of its own: the main function of a node's executable. Arguments and
-/// environment are those of ROS. Ends on SIGINT, SIGTERM, or when the program ends.
+/// Runs one node as a process of its own: the main function of a node's executable, with the arguments and environment
+/// variables of ROS. Returns after SIGINT or SIGTERM, or when the program ends.
 pub fn run(
     name: &str,
     program: impl FnOnce(&Node) -> Result<(), NodeError> + Send + 'static,
@@ -75,7 +75,7 @@ enum Event {
     Stop,
 }
 
-/// Asks a process to stop, from anywhere.
+/// Handle that stops a process, from any thread.
 #[derive(Clone)]
 pub struct Stopper(mpsc::Sender<Event>);
 
@@ -87,10 +87,10 @@ impl Stopper {
     }
 }
 
-/// Several nodes in one process, each with its threads. They share a DDS participant, unless they are
+/// Several nodes in one process, each with its own threads. They share a DDS participant, unless they are
 /// [`isolated`](Self::isolated).
 ///
-/// When one node ends, the others are stopped, in the reverse order of their start.
+/// When one node ends, the others are stopped in the reverse order of their start.
 pub struct Process {
     args: Arc<RosArgs>,
     domain: Domain,
@@ -103,15 +103,15 @@ pub struct Process {
     failure: Option<NodeError>,
     stopping: bool,
     wall_clock: WallClockWatch,
-    /// When the connection to the graph was checked last.
+    /// Time of the last check of the connection.
     checked: Instant,
 }
 
 impl Process {
-    /// For a main function: blocks signals in this thread and all later ones, removes the ROS
-    /// arguments from `argv`, starts the log, raises the limit of open files as far as the process may, reads the
-    /// environment, and follows SIGINT, SIGTERM and
-    /// SIGCONT. Must come before any other thread is started. Returns also the remaining arguments.
+    /// Creates the process in a main function: blocks signals in this thread and all later ones, removes the ROS
+    /// arguments from `argv`, starts the log, raises the limit of open files as far as possible, reads the environment,
+    /// and handles SIGINT, SIGTERM and SIGCONT. Must be called before any other thread is started. Also returns the
+    /// remaining arguments.
     ///
     /// # Errors
     /// [`NodeError::Args`] and [`NodeError::Domain`] for wrong input.
@@ -130,7 +130,7 @@ impl Process {
         Ok((process, rest))
     }
 
-    /// A process inside a larger program, which handles signals and log itself.
+    /// Creates a process within a larger program, which handles signals and log itself.
     pub fn new(args: RosArgs, domain: Domain) -> Self {
         let (sender, events) = mpsc::channel();
         Self {
@@ -148,21 +148,22 @@ impl Process {
         }
     }
 
-    /// Connects the nodes that are started from now on by another middleware than DDS without static peers.
+    /// Sets the middleware for nodes started from now on; the default is DDS without static peers.
     #[must_use]
     pub fn with_middleware(mut self, middleware: Middleware) -> Self {
         self.participants = Arc::new(Participants::new(middleware));
         self
     }
 
-    /// Gives every node that is started from now on a DDS participant, with DDS between all of them.
+    /// Gives every node started from now on a participant of its own, so that nodes of the process communicate over
+    /// DDS.
     #[must_use]
     pub fn isolated(mut self) -> Self {
         self.isolated = true;
         self
     }
 
-    /// Replaces the arguments for the nodes that are started from now on.
+    /// Replaces the ROS arguments for nodes started from now on.
     pub fn set_args(&mut self, args: RosArgs) {
         self.args = Arc::new(args);
     }
@@ -177,7 +178,7 @@ impl Process {
         self.domain
     }
 
-    /// Asks this process to stop, from anywhere.
+    /// A handle that stops this process, from any thread.
     pub fn stopper(&self) -> Stopper {
         Stopper(self.sender.clone())
     }
@@ -186,7 +187,7 @@ impl Process {
         let stopper = self.stopper();
         let participants = Arc::clone(&self.participants);
         let mut stops = StopRequests::default();
-        // After a stop request no node reconnects: systemd and `timeout` send SIGTERM and SIGCONT.
+        // Nodes do not reconnect after a stop request: systemd and `timeout` send SIGTERM and SIGCONT.
         signals::watch(move |signal_kind| match signal_kind {
             ProcessSignal::Stop(signal) => match stops.add(Instant::now()) {
                 StopRequest::First => {
@@ -207,7 +208,7 @@ impl Process {
         .map_err(|e| NodeError::Failed(format!("cannot follow signals: {e}")))
     }
 
-    /// Starts a node whose program calls it `name`.
+    /// Starts a node with the name `name`, which arguments may remap.
     ///
     /// # Errors
     /// [`NodeError`] for arguments and files that are wrong for this node, or if DDS refuses.
@@ -226,7 +227,7 @@ impl Process {
         self.start_with(options, program)
     }
 
-    /// Starts a node with options of its own.
+    /// Starts a node with its own options.
     ///
     /// # Errors
     /// As [`Self::start`].
@@ -247,13 +248,13 @@ impl Process {
                 let text = format!("node {}: program panicked", handle.name());
                 Err(NodeError::Failed(text))
             });
-            // A program that was stopped because of a failure of its node returns without an error.
+            // The program of a node that was stopped because of a failure returns no error itself.
             let outcome = match handle.core.stop_state.failure() {
                 Some(reason) => Err(NodeError::Failed(reason.clone())),
                 None => outcome,
             };
             drop(handle);
-            // The process may have given up waiting.
+            // The process may no longer wait for the node.
             let _ = ended.send(Event::Ended(index, outcome));
         };
         let thread = thread::Builder::new()
@@ -268,8 +269,8 @@ impl Process {
         Ok(node)
     }
 
-    /// Runs the nodes for `patience`. Returns false as soon as there is a reason to stop: a signal, a
-    /// [`Stopper`], a node that ended.
+    /// Runs the nodes for `patience`. Returns false as soon as there is a reason to stop: a signal, a [`Stopper`], or a
+    /// node that has ended.
     pub fn run_for(&mut self, patience: Duration) -> bool {
         let deadline = Instant::now() + patience;
         while !self.stopping {
@@ -296,7 +297,8 @@ impl Process {
         }
     }
 
-    /// Gives every node a new participant if the wall clock was set back: the old ones would receive nothing best effort.
+    /// Replaces the participants if the wall clock was set back: best-effort subscriptions of the old ones would
+    /// receive nothing.
     fn check_wall_clock(&mut self) {
         let Some(step) = self.wall_clock.set_back() else {
             return;
@@ -309,7 +311,7 @@ impl Process {
                 .diagnostics()
                 .status("wall clock");
             status.warn(format!("{reason}; the node joined the graph again"));
-            // The report contains the worst since the last one.
+            // The next report still contains the worst level since the previous one.
             status.ok(reason.as_str());
         }
         self.participants.reconnect_after_interruption(&reason);
@@ -324,7 +326,7 @@ impl Process {
         self.finish()
     }
 
-    /// Stops all nodes, the last started first, each one fully before the next.
+    /// Stops all nodes in the reverse order of their start, waiting for each to end before the next.
     ///
     /// # Errors
     /// The first failure of a node.
@@ -389,7 +391,8 @@ struct Running {
     ended: bool,
 }
 
-/// Parts of a node other than its program: receiving and sending thread, parameter services, clock, diagnostics, log.
+/// Infrastructure of a node, all but its program: receiving and sending thread, parameter services, clock, diagnostics,
+/// log.
 struct Infrastructure {
     node: Node,
     services: Vec<ServiceServer>,
@@ -424,7 +427,7 @@ impl Infrastructure {
         if options.parameter_services {
             parts.services = params::serve(&parts.node)?;
         }
-        // Last, since every declaration is announced.
+        // Declared last, so that the declarations of all parameters are announced.
         let simulated = parts
             .node
             .declare()
@@ -458,7 +461,7 @@ impl Infrastructure {
 }
 
 impl Drop for Infrastructure {
-    /// A node that could not be started leaves the graph too.
+    /// A node whose start has failed leaves the graph as well.
     fn drop(&mut self) {
         self.close();
     }
@@ -479,7 +482,7 @@ fn start_receiving(core: &Arc<NodeCore>) -> Result<JoinHandle<()>, NodeError> {
             let participant = &receiving.participant;
             let run =
                 || handlers.run(|r, publisher, n| participant.report_invalid(r, publisher, n));
-            // A node that cannot receive must not continue as if it could.
+            // A node that cannot receive must not continue to run.
             if catch_unwind(AssertUnwindSafe(run)).is_err() {
                 handlers.abandon();
                 let reason = format!("node {}: a handler has panicked", receiving.name);

@@ -11,13 +11,13 @@ use std::{
 use super::{Qos, Time, endpoint::Writer, node_core::NodeCore, sample::SampleIdentity};
 use crate::msg::Interface;
 
-/// Smallest queue of a reliable publisher: room for messages that accumulate while DDS waits for a slow subscriber.
+/// Smallest queue limit of a reliable publisher: room for messages while DDS waits for a slow subscriber.
 const RELIABLE_QUEUE: usize = 256;
 
-/// Publishes messages of one type on one topic: in memory to the other nodes of the participant, over DDS to other
-/// processes. Never blocks: what DDS cannot take yet waits in a queue.
-/// If that is full, a best-effort publisher drops its oldest message and a reliable one the new message;
-/// either is counted and reported in the node's diagnostics.
+/// Publishes messages of one type on one topic: in memory to other nodes of the participant, over DDS to other
+/// processes. Publishing never blocks: messages that DDS cannot take yet wait in a queue. If the queue is full, a
+/// best-effort publisher drops its oldest message and a reliable publisher the new one. Dropped messages are counted
+/// and reported in the node's diagnostics.
 pub struct Publisher<M> {
     core: Arc<NodeCore>,
     writer: Arc<Writer>,
@@ -38,7 +38,7 @@ impl<M: Interface> Publisher<M> {
         self.core.publish(&self.writer, message);
     }
 
-    /// Sends a message that is CDR already, with its encapsulation header (little endian).
+    /// Sends a message that is already serialized: CDR (little endian) with its encapsulation header.
     pub fn publish_cdr(&self, cdr: Vec<u8>) {
         self.core.publish_cdr(&self.writer, cdr.into());
     }
@@ -53,17 +53,18 @@ impl<M: Interface> Publisher<M> {
         &self.writer.spec.qos
     }
 
-    /// How many messages were dropped because the queue or the window of a subscriber was full.
+    /// Number of messages that were dropped because the queue, or the send window of a subscriber, was full.
     pub fn dropped(&self) -> u64 {
         NodeCore::lost(&self.writer)
     }
 }
 
-/// How long a publisher that ends waits for its last messages to leave, and then to be acknowledged.
+/// Longest time that the end of a publisher waits for its last messages to be sent, and then for their
+/// acknowledgements.
 pub(super) const LAST_MESSAGES: Duration = Duration::from_millis(200);
 
 impl<M> Drop for Publisher<M> {
-    /// The last messages reach living subscribers before the publisher leaves the graph.
+    /// Ensures that living subscribers receive the last messages before the publisher leaves the graph.
     fn drop(&mut self) {
         self.core
             .send_queue
@@ -74,12 +75,12 @@ impl<M> Drop for Publisher<M> {
 }
 
 impl<M> Publisher<M> {
-    /// Waits until the subscribers of other processes have acknowledged all messages, at most `timeout`. Whether they
-    /// have. At once `true` for a best-effort publisher, without such subscribers, and over Zenoh, which has no
-    /// acknowledgements.
+    /// Waits until the subscribers of other processes have acknowledged all messages, at most `timeout`. Returns
+    /// whether they have. Returns `true` at once for a best-effort publisher, without such subscribers, and over Zenoh,
+    /// which has no acknowledgements.
     ///
-    /// A publisher that ends waits for 200 ms. This is for messages that must not be lost even if subscribers or the
-    /// computer are busy, such as the last ones of a bag.
+    /// Dropping a publisher waits for 200 ms only. Use this function for messages that must not be lost even if
+    /// subscribers or the computer are busy, such as the last ones of a bag.
     pub fn wait_for_all_acked(&self, timeout: Duration) -> bool {
         let deadline = Instant::now() + timeout;
         self.core.send_queue.flush_writer(&self.writer, timeout);
@@ -88,7 +89,7 @@ impl<M> Publisher<M> {
     }
 }
 
-/// Publishes bytes whose type need not be declared in this program; ends when dropped.
+/// Publishes serialized messages of a type that need not be declared in this program; ends when dropped.
 pub struct RawPublisher {
     publisher: Publisher<()>,
 }
@@ -104,8 +105,7 @@ impl RawPublisher {
         }
     }
 
-    /// Sends CDR bytes with their encapsulation header. If the queue is full, it waits
-    /// for room, but only for a limited time.
+    /// Sends CDR bytes with their encapsulation header. If the queue is full, waits for room for a limited time.
     pub fn publish(&self, cdr: Vec<u8>) {
         let Publisher { core, writer, .. } = &self.publisher;
         if writer.queued.load(Relaxed) >= writer.spec.qos.depth.clamp(1, RELIABLE_QUEUE / 2) {
@@ -114,7 +114,7 @@ impl RawPublisher {
         core.publish_cdr(writer, cdr.into());
     }
 
-    /// Waits until the subscribers have all messages ([`Publisher::wait_for_all_acked`]).
+    /// Waits until the subscribers have acknowledged all messages ([`Publisher::wait_for_all_acked`]).
     pub fn wait_for_all_acked(&self, timeout: Duration) -> bool {
         self.publisher.wait_for_all_acked(timeout)
     }
@@ -124,7 +124,7 @@ impl RawPublisher {
         &self.publisher.writer.spec.name
     }
 
-    /// How many messages were dropped because the queue or the window of a subscriber was full.
+    /// Number of messages that were dropped because the queue, or the send window of a subscriber, was full.
     pub fn dropped(&self) -> u64 {
         NodeCore::lost(&self.publisher.writer)
     }
@@ -140,9 +140,9 @@ struct Outgoing {
 #[derive(Default)]
 struct Queue {
     items: VecDeque<Outgoing>,
-    /// The writer of the message that is being sent, by whichever thread.
+    /// The writer of the message that some thread is sending now.
     sending: Option<Arc<Writer>>,
-    /// Whether the sending thread exists, which takes over messages that cannot be sent at once.
+    /// Whether the sending thread runs. It sends the messages that cannot be sent at once.
     running: bool,
     closed: bool,
 }
@@ -163,7 +163,8 @@ impl SendQueue {
     pub(super) fn push(&self, writer: &Arc<Writer>, cdr: Bytes, related: Option<SampleIdentity>) {
         let published = Time::wall();
         let mut queue = self.lock();
-        // Nothing waits, and a best-effort write does not block: writing here costs less than waking a thread.
+        // If no message waits, a best-effort message is sent in this thread: that does not block, and costs less than
+        // waking another thread.
         let is_free = queue.running && queue.items.is_empty() && queue.sending.is_none();
         if is_free && !writer.spec.qos.is_reliable() {
             queue.sending = Some(Arc::clone(writer));
@@ -207,7 +208,7 @@ impl SendQueue {
         self.filled.notify_one();
     }
 
-    /// The sending thread: hands messages to DDS until the send_queue is closed, and calls `tick` every
+    /// Runs the sending thread: passes messages to DDS until the send queue is closed, and calls `tick` every `period`.
     /// `period`.
     pub(super) fn run(&self, period: Duration, mut tick: impl FnMut()) {
         let mut next_tick = Instant::now() + period;
@@ -244,13 +245,13 @@ impl SendQueue {
         }
     }
 
-    /// Ends [`Self::run`] when all messages are sent.
+    /// Ends [`Self::run`] once all messages have been sent.
     pub(super) fn close(&self) {
         self.lock().closed = true;
         self.filled.notify_all();
     }
 
-    /// Waits until every message of `writer` has gone to DDS, at most `patience`.
+    /// Waits until all messages of `writer` have been passed to DDS, at most `patience`.
     pub(super) fn flush_writer(&self, writer: &Arc<Writer>, patience: Duration) {
         let deadline = Instant::now() + patience;
         let mut queue = self.lock();
@@ -301,7 +302,7 @@ mod tests {
         send_queue.lock().items.iter().map(|o| o.cdr[0]).collect()
     }
 
-    // Would break if a message overtook one that waits, or if one that need not wait did.
+    // Fails if a message overtakes a waiting one, or if a message waits although none is before it.
     #[test]
     fn best_effort_goes_at_once_where_nothing_waits() {
         let (send_queue, writer) = fill(Qos::SENSOR_DATA, 0);

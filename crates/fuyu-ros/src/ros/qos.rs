@@ -2,25 +2,25 @@
 
 use std::time::Duration;
 
-/// How many samples an endpoint keeps.
+/// Number of samples that an endpoint keeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum History {
     /// The last [`Qos::depth`].
     KeepLast,
-    /// All, as far as resources go.
+    /// All samples, as far as memory permits.
     KeepAll,
 }
 
-/// Whether lost samples are sent again.
+/// Whether lost samples are retransmitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reliability {
-    /// They are.
+    /// Lost samples are retransmitted.
     Reliable,
-    /// They are not.
+    /// Lost samples are not retransmitted.
     BestEffort,
 }
 
-/// What a late joiner gets.
+/// Samples that a late joiner receives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Durability {
     /// Only messages published from then on.
@@ -29,33 +29,33 @@ pub enum Durability {
     TransientLocal,
 }
 
-/// Who asserts that a publisher lives.
+/// How the liveliness of a publisher is asserted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Liveliness {
-    /// The middleware.
+    /// By the middleware.
     Automatic,
-    /// The program, topic by topic.
+    /// By the program, for each topic.
     ManualByTopic,
 }
 
 /// A quality-of-service profile with the fields of `rmw_qos_profile_t`. `None` is an infinite duration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Qos {
-    /// How many samples are kept.
+    /// Number of samples that are kept.
     pub history: History,
-    /// The number for [`History::KeepLast`]; a subscription's queue and a publisher's are as long.
+    /// Number of samples with [`History::KeepLast`]; also the length of the queues of subscriptions and publishers.
     pub depth: usize,
-    /// Whether lost samples are sent again.
+    /// Whether lost samples are retransmitted.
     pub reliability: Reliability,
-    /// What a late joiner gets.
+    /// Samples that a late joiner receives.
     pub durability: Durability,
     /// Longest expected time between two samples.
     pub deadline: Option<Duration>,
-    /// Age at which a sample is dropped.
+    /// Age at which a sample expires.
     pub lifespan: Option<Duration>,
-    /// Who asserts that a publisher lives.
+    /// How the liveliness of a publisher is asserted.
     pub liveliness: Liveliness,
-    /// Silence after which a publisher counts as dead.
+    /// Time without an assertion of liveliness after which a publisher counts as dead.
     pub liveliness_lease_duration: Option<Duration>,
 }
 
@@ -102,13 +102,13 @@ impl Qos {
         ..Self::RELIABLE
     };
 
-    /// Subscriptions to `/clock`, as rclcpp has it: best effort, so that a dead one holds nobody up.
+    /// Subscriptions to `/clock`, as in rclcpp: best effort, so that a dead subscriber does not delay the publisher.
     pub const CLOCK_SUBSCRIPTION: Self = Self {
         depth: 1,
         ..Self::SENSOR_DATA
     };
 
-    /// Services and their parameters, as rmw has it: reliable, volatile, the last 10.
+    /// Services, including parameter services, as in rmw: reliable, volatile, the last 10.
     pub const SERVICES: Self = Self::RELIABLE;
 
     /// `/parameter_events`, as rmw has it: reliable, volatile, the last 1000.
@@ -125,7 +125,7 @@ impl Qos {
         ..Self::RELIABLE
     };
 
-    /// The same with another depth.
+    /// The same profile with another depth.
     #[must_use]
     pub const fn depth(self, depth: usize) -> Self {
         Self { depth, ..self }
@@ -136,14 +136,15 @@ impl Qos {
     }
 }
 
-/// How many samples a reliable subscription keeps below its queue. After a lost datagram is repaired all
-/// that waited for it arrives at once, and rustdds drops samples beyond this limit (64 by default)
-/// before it can be taken. Seconds of any stream in the graph; a state message takes about a kilobyte.
+/// Number of samples that the DDS reader of a reliable subscription keeps. After a lost datagram has been
+/// retransmitted, all samples that waited for it arrive at once; rustdds drops those beyond this limit (64 by default)
+/// before they can be taken. This number suffices for some seconds of any stream in the graph; a state message has
+/// about a kilobyte.
 pub(super) const KEPT: i32 = 4096;
-/// The same for messages of a megabyte.
+/// As [`KEPT`], for messages of the order of a megabyte.
 const KEPT_LARGE: i32 = 64;
 
-/// How many samples a reliable subscription keeps for a program that is late.
+/// Largest number of samples of a reliable subscription that wait for a late program.
 pub(super) const fn kept(large: bool) -> usize {
     (if large { KEPT_LARGE } else { KEPT }) as usize
 }

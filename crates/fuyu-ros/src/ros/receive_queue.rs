@@ -17,10 +17,10 @@ use super::{
 };
 use crate::msg::{Interface, cdr};
 
-/// Largest number of publishers whose messages are queued separately, each up to the limit.
+/// Largest number of publishers with separate queue limits.
 const SEPARATE_PUBLISHERS: usize = 32;
 
-/// A received message and its origin.
+/// A received message with its metadata.
 #[derive(Debug, Clone)]
 pub struct Received<M> {
     /// The message.
@@ -34,7 +34,7 @@ pub struct Received<M> {
 }
 
 impl<M: Clone> From<Received<Arc<M>>> for Received<M> {
-    /// Copies the message if others share it.
+    /// Copies the message if other subscriptions share it.
     fn from(shared: Received<Arc<M>>) -> Self {
         Self {
             message: Arc::unwrap_or_clone(shared.message),
@@ -47,16 +47,16 @@ impl<M: Clone> From<Received<Arc<M>>> for Received<M> {
 
 type Entry<M> = (Origin, Received<Arc<M>>);
 
-/// Messages in order of arrival, shared with other subscriptions of the same participant.
+/// Queue of messages in order of arrival. The messages may be shared with other subscriptions of the same participant.
 pub(super) struct ReceiveQueue<M> {
     queue: Mutex<VecDeque<Entry<M>>>,
     arrived: Condvar,
-    /// Threads that wait for `arrived`; changed under the lock of the queue only.
+    /// Number of threads that wait for `arrived`; changed only under the lock of the queue.
     waiting: AtomicUsize,
-    /// Longest queue of each origin.
+    /// Largest number of waiting messages of each origin.
     local_limit: usize,
     remote_limit: usize,
-    /// Whether the limit applies to each publisher instead of all of an origin together.
+    /// Whether the limits apply to each publisher instead of to all publishers of an origin together.
     is_separate: AtomicBool,
     /// Wakes the program.
     events: Arc<Events>,
@@ -75,24 +75,24 @@ impl<M: Interface> ReceiveQueue<M> {
         }
     }
 
-    /// From now on the limit applies to each publisher.
+    /// Applies the limits to each publisher from now on.
     pub(super) fn separate_publishers(&self) {
         self.is_separate.store(true, Relaxed);
     }
 
-    /// The oldest message.
+    /// Takes the oldest message.
     pub(super) fn take(&self) -> Option<Received<M>> {
         let oldest = self.lock().pop_front();
         oldest.map(|(_, received)| received.into())
     }
 
-    /// The newest message; older ones are discarded.
+    /// Takes the newest message and discards the others.
     pub(super) fn latest(&self) -> Option<Received<M>> {
         let mut all = std::mem::take(&mut *self.lock());
         all.pop_back().map(|(_, received)| received.into())
     }
 
-    /// The oldest message, waiting for it at most `patience`.
+    /// Takes the oldest message, waiting for it for at most `patience`.
     pub(super) fn wait(&self, patience: Duration) -> Option<Received<M>> {
         let queue = self.lock();
         self.waiting.fetch_add(1, Relaxed);
@@ -110,8 +110,8 @@ impl<M: Interface> ReceiveQueue<M> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Makes room for a message of `origin`: removes the oldest if as many wait as may, if publishers are separate the oldest
-    /// of the same publisher.
+    /// Makes room for a message of `origin`. If the limit is reached, removes the oldest message of that origin (with
+    /// separate publishers: of the same publisher).
     fn make_room(
         &self,
         queue: &mut VecDeque<Entry<M>>,
@@ -126,7 +126,7 @@ impl<M: Interface> ReceiveQueue<M> {
             return;
         }
         let is_separate = self.is_separate.load(Relaxed);
-        // Only the newest is wanted, wherever it comes from.
+        // Depth 1: only the newest message is kept, of whichever publisher.
         if limit == 1 && !is_separate {
             counters.replaced.fetch_add(queue.len() as u64, Relaxed);
             queue.clear();
@@ -212,7 +212,7 @@ mod tests {
             .collect()
     }
 
-    // Fails if what a flood from another process sends takes the place of what a node of this process sends, or the reverse.
+    // Fails if messages of another process displace those of a node of this process, or the reverse.
     #[test]
     fn each_origin_has_its_own_limit() {
         let queue = queue(Qos::RELIABLE.depth(3));
@@ -239,7 +239,7 @@ mod tests {
         RawSample { publisher, ..raw }.into()
     }
 
-    // Would break if a publisher that floods a topic crowded out the others.
+    // Fails if a publisher that floods a topic displaces the messages of others.
     #[test]
     fn a_flood_of_one_publisher_loses_its_own_messages_only() {
         let queue = queue(Qos::RELIABLE.depth(2));

@@ -1,4 +1,4 @@
-//! Samples: messages in serialized form, as a transport carries them, with their identity.
+//! Samples: serialized messages, as a transport carries them, with their identity.
 
 use bytes::Bytes;
 
@@ -7,16 +7,16 @@ use super::{Time, held_replies::ReplyReader};
 /// Identity of a publisher or subscription on the wire.
 pub use ros2_client::Gid;
 
-/// Identity of a sample: its publisher, or the reader that expects the reply to it, and a number.
+/// Identity of a sample: GID of its publisher (or of the reader that expects the reply) and sequence number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) struct SampleIdentity {
     pub(super) writer: Gid,
-    /// From 1; [`Self::UNKNOWN_NUMBER`] if it is that of the sample which states this identity.
+    /// From 1; [`Self::UNKNOWN_NUMBER`] stands for the number of the sample that carries this identity.
     pub(super) sequence_number: i64,
 }
 
 impl SampleIdentity {
-    /// What RTPS calls `SEQUENCENUMBER_UNKNOWN`.
+    /// `SEQUENCENUMBER_UNKNOWN` of RTPS.
     pub(super) const UNKNOWN_NUMBER: i64 = -(1 << 32);
 }
 
@@ -33,11 +33,11 @@ pub struct RawSample {
     pub publisher: Gid,
     /// Sequence number of the publisher.
     pub sequence_number: i64,
-    /// Identity of the related request, of services.
+    /// For services: identity of the related request.
     pub(super) related: Option<SampleIdentity>,
     /// Identity of this sample.
     pub(super) identity: SampleIdentity,
-    /// Of a request: where it comes from, and so what its reply needs.
+    /// For requests: how the reply reaches the client.
     pub(super) reply_path: ReplyPath,
 }
 

@@ -15,10 +15,10 @@ use super::{
 };
 use crate::msg::{Interface, Service, ServiceDefinition, cdr};
 
-/// Calls that may wait for the program; further ones get no reply.
+/// Largest number of calls that wait for the program; further ones get no reply.
 const WAITING: usize = 64;
 
-/// One direction of a service: prefix and suffix of a DDS topic, suffix of its type, and what the samples are.
+/// One direction of a service: prefix and suffix of the DDS topic, suffix of the type, and role of the samples.
 pub(super) struct Direction {
     prefix: &'static str,
     suffix: &'static str,
@@ -54,7 +54,7 @@ pub(super) fn service_spec<S: Service>(full_name: &str, direction: Direction) ->
         dds_topic: format!("{prefix}{full_name}{suffix}"),
         dds_type: format!("{}::{kind}::dds_::{}_{part}_", S::PACKAGE, S::NAME),
         qos: Qos::SERVICES,
-        // Peers of DDS state the hash of the whole service.
+        // DDS peers state the hash of the service, not of this part.
         definition: None,
         internal: true,
         shared: false,
@@ -63,7 +63,7 @@ pub(super) fn service_spec<S: Service>(full_name: &str, direction: Direction) ->
     }
 }
 
-/// Answers calls of a service until it is dropped.
+/// Serves a service until it is dropped.
 pub struct ServiceServer {
     core: Arc<NodeCore>,
     reader: Arc<Reader>,
@@ -71,7 +71,8 @@ pub struct ServiceServer {
 }
 
 impl ServiceServer {
-    /// `handler` runs on the node's receiving thread: it should be quick. The reply may be sent later.
+    /// Creates a server. `handler` runs on the node's receiving thread: it should be fast, and may send the reply
+    /// later.
     pub(super) fn new<S: Service>(
         core: &Arc<NodeCore>,
         full_name: &str,
@@ -109,7 +110,7 @@ impl ServiceServer {
 }
 
 impl Drop for ServiceServer {
-    /// The last answers reach living clients before the service leaves the graph.
+    /// Ensures that living clients receive the last replies before the service leaves the graph.
     fn drop(&mut self) {
         self.core.remove_reader(&self.reader);
         self.core
@@ -122,7 +123,7 @@ impl Drop for ServiceServer {
     }
 }
 
-/// Reply to one call, sent at any time and from any thread. If it is dropped, the client gets no response.
+/// Sends the response to one call, at any time and from any thread. If it is dropped, the client gets no response.
 pub struct Reply<S> {
     core: Weak<NodeCore>,
     writer: Arc<Writer>,
@@ -132,7 +133,7 @@ pub struct Reply<S> {
 }
 
 impl<S: Service> Reply<S> {
-    /// Sends the response, as soon as the client can receive it.
+    /// Sends the response as soon as the client can receive it.
     pub fn send(self, response: &S::Response) {
         let Some(core) = self.core.upgrade() else {
             return;
@@ -154,15 +155,15 @@ impl<S: Service> Reply<S> {
     }
 }
 
-/// A call that waits for its response.
+/// A call that has not been responded to.
 pub struct Call<S: Service> {
     /// The request.
     pub request: S::Request,
-    /// How to reply.
+    /// Sender of the response.
     pub reply: Reply<S>,
 }
 
-/// A service whose calls wait in a queue for the node's program, like the messages of a subscription.
+/// Serves a service whose calls wait in a queue for the node's program, like the messages of a subscription.
 pub struct Calls<S: Service> {
     queue: Arc<Mutex<VecDeque<Call<S>>>>,
     _server: ServiceServer,
@@ -186,21 +187,21 @@ impl<S: Service> Calls<S> {
         })
     }
 
-    /// Whether no call waits.
+    /// Whether no call is waiting.
     pub fn is_empty(&self) -> bool {
         let queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
         queue.is_empty()
     }
 
-    /// The oldest call that waits.
+    /// Takes the oldest waiting call.
     pub fn take(&self) -> Option<Call<S>> {
         let mut queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
         queue.pop_front()
     }
 }
 
-/// Identity of the request that a reply must state. Fast DDS clients state the GUID of their reply reader and no sequence
-/// number, which is then that of the sample. Without any statement it is the identity of the sample.
+/// Identity that the reply must state. Fast DDS clients state the GUID of their reply reader without a sequence number;
+/// the number is then that of the sample. If the request states nothing, it is the identity of the sample.
 fn question(sample: &RawSample) -> SampleIdentity {
     let mut question = sample.related.unwrap_or(sample.identity);
     if question.sequence_number == SampleIdentity::UNKNOWN_NUMBER {

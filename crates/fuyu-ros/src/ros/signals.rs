@@ -1,5 +1,5 @@
-//! Signals. The threads of rustdds end when a signal interrupts them, so all threads block signals except one that waits for
-//! them here.
+//! Signal handling. Threads of rustdds end when a signal interrupts them, so all threads block signals except one,
+//! which waits for them here.
 
 use nix::sys::signal::{SigSet, SigmaskHow, Signal, pthread_sigmask};
 use std::{
@@ -30,14 +30,14 @@ fn blocked() -> SigSet {
     set
 }
 
-/// Blocks signals in this thread and in every thread that it starts from now on.
+/// Blocks signals in this thread and in all threads that it starts from now on.
 pub(super) fn block() {
     if let Err(e) = blocked().thread_block() {
         tracing::error!("cannot block signals, a signal may cut the node off: {e}");
     }
 }
 
-/// Runs `f` with signals blocked, so that threads it starts inherit that.
+/// Runs `f` with signals blocked, so that threads started by `f` block them too.
 pub(super) fn with_blocked<R>(f: impl FnOnce() -> R) -> R {
     let mut before = SigSet::empty();
     let changed = pthread_sigmask(SigmaskHow::SIG_BLOCK, Some(&blocked()), Some(&mut before));
@@ -54,22 +54,22 @@ pub(super) fn with_blocked<R>(f: impl FnOnce() -> R) -> R {
 pub(super) enum ProcessSignal {
     /// SIGINT, SIGTERM or SIGHUP.
     Stop(Signal),
-    /// SIGCONT: the process was stopped and continues.
+    /// SIGCONT: the process continues after it was suspended.
     Continued,
 }
 
-/// Signals that follow the first one within this time are the same request: a terminal or a launcher sends one to the
+/// Signals within this time after the first one belong to the same request: a terminal or a launcher sends one to the
 /// process and one to its group.
 const SAME_REQUEST: Duration = Duration::from_millis(250);
 
-/// Counts requests to stop.
+/// Distinguishes first, duplicate and repeated stop requests.
 #[derive(Debug, Default)]
 pub(super) struct StopRequests {
     first: Option<Instant>,
 }
 
 impl StopRequests {
-    /// A signal to stop has arrived at `now`.
+    /// Classifies a stop signal that arrived at `now`.
     pub(super) fn add(&mut self, now: Instant) -> StopRequest {
         match self.first {
             None => {
@@ -81,24 +81,24 @@ impl StopRequests {
         }
     }
 
-    /// Whether the process has been asked to stop.
+    /// Whether a stop has been requested.
     pub(super) fn is_stopping(&self) -> bool {
         self.first.is_some()
     }
 }
 
-/// Effect of a signal to stop.
+/// Meaning of a stop signal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum StopRequest {
-    /// To stop in order.
+    /// First request: stop in order.
     First,
-    /// Nothing new.
+    /// Duplicate of the first request: no effect.
     Same,
-    /// To end at once.
+    /// Second request: end at once.
     Again,
 }
 
-/// Waits for signals on a thread of its own. The signals must be blocked in all threads.
+/// Starts a thread that waits for signals and calls `handle` for each. The signals must be blocked in all threads.
 pub(super) fn watch(mut handle: impl FnMut(ProcessSignal) + Send + 'static) -> std::io::Result<()> {
     let mut set = SigSet::empty();
     for signal in [
@@ -131,7 +131,7 @@ pub(super) fn watch(mut handle: impl FnMut(ProcessSignal) + Send + 'static) -> s
 mod tests {
     use super::*;
 
-    // Would break if Ctrl-C in a terminal, which signals parent and child, cut off a run in the middle of its bag.
+    // Fails if Ctrl-C in a terminal, which signals parent and child, aborts a run while it writes its bag.
     #[test]
     fn signals_within_milliseconds_are_one_request() {
         let mut requests = StopRequests::default();

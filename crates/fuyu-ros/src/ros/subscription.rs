@@ -1,4 +1,4 @@
-//! Subscriptions.
+//! Subscriptions with a queue, and raw subscriptions.
 
 use std::{
     sync::{Arc, PoisonError, atomic::Ordering::Relaxed},
@@ -15,9 +15,9 @@ use crate::msg::Interface;
 
 /// Receives messages of one type from one topic into a queue.
 ///
-/// The queue is as long as the QoS depth, and the oldest message makes room for the newest. Messages of a reliable publisher
-/// of the same process are not dropped while the program is late: beyond the depth, up to 4096 of them wait (64 of images and
-/// point clouds). A queue of depth 1 always has the newest message only.
+/// The queue is as long as the QoS depth; if it is full, the oldest message is dropped. For a reliable publisher of the
+/// same process the limit is 4096 messages (64 for images and point clouds) if that is more than the depth, so that a
+/// late program loses none. A queue of depth 1 contains only the newest message.
 pub struct Subscription<M> {
     core: Arc<NodeCore>,
     reader: Arc<Reader>,
@@ -37,24 +37,24 @@ impl<M: Interface> Subscription<M> {
         }
     }
 
-    /// From now on the depth applies to each publisher: one that floods the topic loses its own messages only, and those
-    /// of others keep their places. Messages of all publishers are taken in the order of their arrival.
+    /// Applies the depth to each publisher from now on: a publisher that floods the topic displaces only its own
+    /// messages. Messages of all publishers are still taken in the order of their arrival.
     pub fn separate_publishers(&self) {
         self.inbox.separate_publishers();
     }
 
-    /// The oldest message that waits.
+    /// Takes the oldest waiting message.
     pub fn take(&self) -> Option<Received<M>> {
         self.inbox.take()
     }
 
-    /// The newest message that waits; older ones are discarded.
+    /// Takes the newest waiting message and discards the others.
     pub fn latest(&self) -> Option<Received<M>> {
         self.inbox.latest()
     }
 
-    /// The oldest message, waiting for it at most `patience` (wall time). Ends early, with nothing, when
-    /// the node is to stop.
+    /// Takes the oldest message, waiting for it for at most `patience` (wall time). Returns `None` early if the node is
+    /// stopping.
     pub fn wait_next(&self, patience: Duration) -> Option<Received<M>> {
         let deadline = Instant::now() + patience;
         // Short waits, since a stop request does not wake this queue.
@@ -80,7 +80,7 @@ impl<M> Subscription<M> {
         &self.reader.spec.qos
     }
 
-    /// Whether `publisher` is discovered, matched and not lost.
+    /// Whether `publisher` is discovered, matched and alive.
     pub fn is_matched(&self, publisher: Gid) -> bool {
         let Reader {
             counters,
@@ -97,14 +97,14 @@ impl<M> Subscription<M> {
         is_remote || local.is_matched(publisher, spec)
     }
 
-    /// How long ago the last message came (wall time); `None` before the first.
+    /// Time since the last message arrived (wall time); `None` before the first message.
     pub fn age(&self) -> Option<Duration> {
         let last = self.reader.counters.last.load(Relaxed);
         (last != 0).then(|| Time::wall().since(Time::from_nanos(last)))
     }
 
-    /// How many messages came, were dropped because the queue was full (one of depth 1 only ever
-    /// replaces), or were not of the type.
+    /// Numbers of messages that arrived, that were dropped because the queue was full (a queue of depth 1 replaces
+    /// messages instead), and that were not of the type.
     pub fn counts(&self) -> (u64, u64, u64) {
         let c = &self.reader.counters;
         (
@@ -121,7 +121,7 @@ impl<M> Drop for Subscription<M> {
     }
 }
 
-/// A subscription to bytes; ends when dropped.
+/// A subscription to serialized messages; ends when dropped.
 pub struct RawSubscription {
     core: Arc<NodeCore>,
     reader: Arc<Reader>,

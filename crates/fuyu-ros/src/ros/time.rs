@@ -1,4 +1,4 @@
-//! ROS time: nanoseconds since an epoch that the clock chooses.
+//! ROS time: nanoseconds since the epoch of its clock.
 
 use std::{
     fmt,
@@ -10,27 +10,27 @@ use crate::msg::builtin_interfaces;
 
 const NANOS_PER_SECOND: i64 = 1_000_000_000;
 
-/// A point in ROS time: nanoseconds since the Unix epoch, or since the start of a simulation.
+/// A time in nanoseconds since the Unix epoch, or since the start of a simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Time(i64);
 
 impl Time {
-    /// Zero, which ROS also uses for "no time yet".
+    /// Time zero, which ROS also uses for "no time yet".
     pub const ZERO: Self = Self(0);
-    /// Later than any other.
+    /// The latest time.
     pub const MAX: Self = Self(i64::MAX);
 
-    /// From nanoseconds.
+    /// Creates a time from nanoseconds.
     pub const fn from_nanos(nanos: i64) -> Self {
         Self(nanos)
     }
 
-    /// From seconds (s), rounded to the nearest nanosecond.
+    /// Creates a time from seconds, rounded to the nearest nanosecond.
     pub fn from_secs_f64(seconds: f64) -> Self {
         Self((seconds * NANOS_PER_SECOND as f64).round() as i64)
     }
 
-    /// The computer's clock.
+    /// Present time of the computer's clock.
     pub fn wall() -> Self {
         let since = SystemTime::now().duration_since(UNIX_EPOCH);
         Self(since.map_or(0, |d| d.as_nanos() as i64))
@@ -43,12 +43,13 @@ impl Time {
 
     /// In seconds.
     pub fn as_secs_f64(self) -> f64 {
-        // Disconnected, so that nanoseconds survive a Unix time in seconds as far as a double can hold them.
+        // Whole seconds and nanoseconds are added separately, so that a double holds a Unix time as accurately as
+        // possible.
         (self.0 / NANOS_PER_SECOND) as f64
             + (self.0 % NANOS_PER_SECOND) as f64 / NANOS_PER_SECOND as f64
     }
 
-    /// How much later this is than `earlier`; zero if it is not.
+    /// Time from `earlier` to this time; zero if negative.
     pub fn since(self, earlier: Self) -> Duration {
         Duration::from_nanos(self.0.saturating_sub(earlier.0).max(0) as u64)
     }
@@ -89,7 +90,7 @@ impl Sub<Duration> for Time {
     }
 }
 
-/// Seconds from the second to the first, negative if the first is earlier.
+/// Difference in seconds, negative if the first time is earlier.
 impl Sub for Time {
     type Output = f64;
     fn sub(self, other: Self) -> f64 {
@@ -98,7 +99,7 @@ impl Sub for Time {
 }
 
 impl From<Time> for builtin_interfaces::Time {
-    /// Seconds beyond the 32 bits of ROS (the year 2038) saturate.
+    /// Saturates beyond the 32-bit seconds of ROS (the year 2038).
     fn from(t: Time) -> Self {
         let sec = t.0.div_euclid(NANOS_PER_SECOND);
         Self {

@@ -1,12 +1,12 @@
-//! Watch for a wall clock that is set back.
+//! Detection of a wall clock that was set back.
 //!
-//! rustdds gives a best-effort reader only samples whose arrival, by the wall clock, is after the last sample and before now.
-//! After the clock is set back, there are no such samples until the clock has caught up (docs/upstream.md). A new
-//! participant has no last sample.
+//! rustdds passes to a best-effort reader only samples whose arrival time (wall clock) is after that of the last sample
+//! and before now. After the clock has been set back, there are none until it has caught up (docs/upstream.md). A new
+//! participant has no last sample, so it is not affected.
 
 use std::time::{Duration, Instant, SystemTime};
 
-/// A shorter pause of best-effort subscriptions is not worth a new participant.
+/// Smaller steps are ignored: a short pause of best-effort subscriptions is not worth a new participant.
 const TOLERANCE: Duration = Duration::from_millis(500);
 
 /// Compares the wall clock with the monotonic clock.
@@ -22,7 +22,7 @@ impl WallClockWatch {
         }
     }
 
-    /// By how much the wall clock has been set back since the last call, if it matters.
+    /// Amount by which the wall clock has been set back since the last call, if it exceeds [`TOLERANCE`].
     pub(super) fn set_back(&mut self) -> Option<Duration> {
         self.set_back_at((Instant::now(), SystemTime::now()))
     }
@@ -39,7 +39,7 @@ impl WallClockWatch {
 mod tests {
     use super::*;
 
-    // Fails if a step ahead, a suspended computer or slewing counted, or if one step were reported twice.
+    // Fails if a forward step, a suspended computer or slewing is reported, or if one step is reported twice.
     #[test]
     fn only_a_clock_that_is_set_back_is_reported() {
         let mut watch = WallClockWatch::new();

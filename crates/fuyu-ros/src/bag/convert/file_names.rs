@@ -1,4 +1,4 @@
-//! Names of the files that tables are written to: one for each topic, whatever the topic's name is.
+//! Names of the files that tables are written to: one per topic, whatever characters the topic's name contains.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;

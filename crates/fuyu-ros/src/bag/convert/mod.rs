@@ -42,20 +42,21 @@ impl TableFormat {
 /// One table.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Table {
-    /// Its topic.
+    /// Topic of the messages.
     pub topic: String,
     /// ROS type.
     #[serde(rename = "type")]
     pub type_name: String,
-    /// File.
+    /// Path of the table.
     pub path: PathBuf,
-    /// Messages in it.
+    /// Number of messages in the table.
     pub rows: u64,
-    /// Columns, those of the times included.
+    /// Number of columns, including those of the times.
     pub columns: usize,
-    /// Messages with sequences longer than [`ELEMENTS`], or with values beyond [`MOST_COLUMNS`]; the excess is omitted.
+    /// Number of messages with values that have no column, because a sequence is longer than [`ELEMENTS`] or the table
+    /// has [`MOST_COLUMNS`] columns; these values are omitted.
     pub cut: u64,
-    /// Messages that cannot be decoded as the type; they are omitted.
+    /// Number of messages that cannot be decoded as the topic's type; they are omitted.
     pub undecoded: u64,
 }
 

@@ -65,9 +65,9 @@ impl Outcome {
     pub const SUCCESSFUL: i32 = 0;
     /// The goal is invalid.
     pub const INVALID_GOAL: i32 = -1;
-    /// Its joints are not those of the robot.
+    /// The goal's joints are not those of the robot.
     pub const INVALID_JOINTS: i32 = -2;
-    /// It is over already.
+    /// The trajectory would have ended already.
     pub const OLD_HEADER_TIMESTAMP: i32 = -3;
     /// A joint deviated too much on its way.
     pub const PATH_TOLERANCE_VIOLATED: i32 = -4;

@@ -1,4 +1,4 @@
-//! Messages as rows of a table: the column of each value.
+//! Layout of a table whose rows are messages: the column of each value.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -34,33 +34,33 @@ pub struct Column {
     pub kind: ColumnKind,
 }
 
-/// Largest number of columns of a table, which only sequences within sequences exceed.
+/// Largest number of columns of a table; only sequences within sequences exceed it.
 pub const MOST_COLUMNS: usize = 10_000;
 
-/// Largest number of remembered columns of values, over all shapes of messages.
+/// Limit of the memory of [`Layout`]: column numbers of all distinct shapes (lengths of sequences) of messages.
 const MOST_REMEMBERED: usize = 1 << 22;
 
-/// The columns of a table whose rows are messages of one type. Sequences have as many columns as the longest
-/// one that was met; those in the order of the fields.
+/// Columns of a table whose rows are messages of one type. A sequence has as many columns as its longest instance in
+/// the messages so far. Columns are in the order of the fields.
 #[derive(Debug)]
 pub struct Layout {
     schema: Schema,
-    /// Elements of a sequence that get columns.
+    /// Largest number of elements of a sequence that get columns.
     limit: u32,
-    /// By place in the message: index of field, index of element, and so on inwards. With the number in the order of
-    /// their discovery.
+    /// Columns by path in the message (index of field, index of element, and so on inwards), each with its number in
+    /// order of creation.
     columns: BTreeMap<Vec<u32>, (Column, usize)>,
-    /// By lengths of the sequences of a message: the column of each of its values by that number, `None` for a value
-    /// without a column. Not of all messages if they have very many different lengths.
+    /// Cache, by the lengths of a message's sequences: the creation number of the column of each value, `None` for a
+    /// value without a column. It is bounded, so very many distinct lengths are not all in it.
     known: HashMap<Vec<u32>, Vec<Option<usize>>>,
     remembered: usize,
-    /// Number of each column in the table, once all messages were met.
+    /// Position in the table of each column by its creation number, once all messages have been seen.
     numbers: Vec<usize>,
     cut: u64,
 }
 
 impl Layout {
-    /// No message was met yet. Of a sequence the first `limit` elements get columns.
+    /// The layout before the first message. Only the first `limit` elements of a sequence get columns.
     pub fn new(schema: Schema, limit: u32) -> Self {
         let mut layout = Self {
             schema,
@@ -71,7 +71,7 @@ impl Layout {
             numbers: Vec::new(),
             cut: 0,
         };
-        // Columns without messages: all but those of sequences.
+        // The columns that do not belong to sequences exist without any message.
         layout.add(&[]);
         layout
     }
@@ -81,7 +81,7 @@ impl Layout {
         &self.schema
     }
 
-    /// Makes room for a message with sequences of these lengths.
+    /// Adds the columns of a message with sequences of these lengths.
     pub fn meet(&mut self, lengths: &[u32]) {
         let is_cut = match self.known.get(lengths) {
             Some(columns) => columns.contains(&None),
@@ -98,7 +98,7 @@ impl Layout {
         self.cut += u64::from(is_cut);
     }
 
-    /// How many messages had values without a column: beyond the limit of a sequence or [`MOST_COLUMNS`].
+    /// Number of messages with values that have no column: beyond the limit of a sequence or beyond [`MOST_COLUMNS`].
     pub fn cut(&self) -> u64 {
         self.cut
     }
@@ -108,7 +108,7 @@ impl Layout {
         self.columns.len()
     }
 
-    /// All columns. No further message may be met.
+    /// All columns, in the order of the table. No message may be added afterwards.
     pub fn columns(&mut self) -> Vec<Column> {
         self.numbers = vec![0; self.columns.len()];
         for (number, (_, discovered)) in self.columns.values().enumerate() {
@@ -117,7 +117,7 @@ impl Layout {
         self.columns.values().map(|(c, _)| c.clone()).collect()
     }
 
-    /// The number of the column of every value of a message that was met; `None` for one without a column.
+    /// Position in the table of every value of a message that was added; `None` for a value without a column.
     pub fn numbers(&self, lengths: &[u32]) -> impl Iterator<Item = Option<usize>> {
         let found = match self.known.get(lengths) {
             Some(columns) => Cow::Borrowed(columns.as_slice()),
@@ -133,7 +133,8 @@ impl Layout {
         (0..found.len()).map(move |i| found[i].and_then(|c| self.numbers.get(c).copied()))
     }
 
-    /// Adds the columns of a message with sequences of these lengths; returns the column of each of its values.
+    /// Adds the columns of a message with sequences of these lengths; returns the creation number of the column of each
+    /// value.
     fn add(&mut self, lengths: &[u32]) -> Vec<Option<usize>> {
         let mut known = std::mem::take(&mut self.columns);
         let mut columns = Vec::new();
@@ -158,7 +159,8 @@ impl Layout {
         columns
     }
 
-    /// Calls `visit` for every value of a message with sequences of these lengths, with `None` beyond the limit.
+    /// Calls `visit` for every value of a message with sequences of these lengths; with `None` for values beyond the
+    /// limit.
     fn walk(&self, lengths: &[u32], visit: impl FnMut(Option<Place<'_>>)) {
         let mut walk = Walk {
             schema: &self.schema,
@@ -175,7 +177,7 @@ impl Layout {
 
 /// A value within a message.
 struct Place<'a> {
-    /// Index of field, index of element, and so on inwards.
+    /// Path: index of field, index of element, and so on inwards.
     at: &'a [u32],
     name: &'a str,
     kind: ColumnKind,
@@ -188,7 +190,7 @@ struct Walk<'a, F> {
     visit: F,
     at: Vec<u32>,
     name: String,
-    /// How many sequences around the present value are beyond their limit.
+    /// Number of enclosing sequences in which the current element is beyond the limit.
     beyond: u32,
 }
 

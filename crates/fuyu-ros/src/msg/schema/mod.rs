@@ -1,4 +1,5 @@
-//! Messages of which only the schema is known, as in bags: `ros2msg` text with the definitions of all contained types.
+//! Messages that are known by their schema only, as in bags: `ros2msg` text with the definitions of all contained
+//! types.
 
 mod columns;
 mod parse;
@@ -11,7 +12,7 @@ pub use read::{Reading, Value};
 /// A message type, read from its text.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Schema {
-    /// What refers to another stands before it or after it; the first is the message.
+    /// Definitions of the message (first) and of all types it contains, in the order of the text.
     structs: Vec<Struct>,
 }
 
@@ -32,14 +33,14 @@ struct Field {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Base {
     Bool,
-    /// Signed, of as many bytes.
+    /// Signed integer of this many bytes.
     Int(usize),
-    /// Unsigned, of as many bytes.
+    /// Unsigned integer of this many bytes.
     Uint(usize),
     Float32,
     Float64,
     Text,
-    /// Place of its definition.
+    /// Index of the definition in [`Schema::structs`].
     Struct(usize),
 }
 
@@ -51,7 +52,7 @@ enum Shape {
 }
 
 impl Field {
-    /// Whether it is bytes and not numbers: an image, an identifier.
+    /// Whether the field is an array or sequence of bytes, such as an image or an identifier, which is one value.
     fn is_bytes(&self) -> bool {
         self.base == Base::Uint(1) && self.shape != Shape::One
     }

@@ -15,35 +15,35 @@ pub enum SchemaError {
         /// The line.
         line: String,
     },
-    /// A type that is referred to and not defined.
+    /// A type that is used but not defined.
     #[error("{type_name}: field {field} is of type {missing}, whose definition is missing")]
     Missing {
-        /// Type that refers to it.
+        /// Type that uses it.
         type_name: String,
         /// Field.
         field: String,
-        /// What is missing.
+        /// Name of the missing type.
         missing: String,
     },
-    /// A type that contains itself, or one that fuyu does not read.
+    /// A type that contains itself, exceeds a limit, or cannot be read by fuyu.
     #[error("{type_name}: {what}")]
     Unsupported {
         /// Type.
         type_name: String,
-        /// What it has.
+        /// Why the type is not supported.
         what: String,
     },
 }
 
-/// A type of a field as it is written.
+/// Type of a field as written in the text.
 struct Written {
     base: String,
     shape: Shape,
 }
 
 impl Schema {
-    /// Reads the definition of `type_name` (`pkg/msg/Name` or `pkg/Name`), which `text` begins with; those
-    /// of other types follow behind lines of `=` and `MSG: pkg/Name`.
+    /// Parses the definition of `type_name` (`pkg/msg/Name` or `pkg/Name`) at the beginning of `text`; definitions of
+    /// other types follow, each after a line of `=` and a line `MSG: pkg/Name`.
     ///
     /// # Errors
     /// [`SchemaError`] names the type and the line or field.
@@ -64,7 +64,7 @@ impl Schema {
                 lines.push(line);
             }
         }
-        // Of two definitions of a type the first one counts.
+        // Of two definitions of a type, the first one counts.
         let names: HashMap<String, usize> = sections
             .iter()
             .enumerate()
@@ -84,8 +84,8 @@ impl Schema {
         Ok(schema)
     }
 
-    /// How many values a struct has at least, those of sequences not counted. A message cannot contain itself,
-    /// and what has more values than any message is a trap.
+    /// Smallest number of values of a struct, with empty sequences. Rejects types that contain themselves, and those
+    /// with more than [`MOST_VALUES`] values, which only malicious schemas have.
     fn count(&self, at: usize, depth: usize, known: &mut [Count]) -> Result<usize, SchemaError> {
         let refused = |what: &str| SchemaError::Unsupported {
             type_name: self.structs[at].name.clone(),
@@ -122,11 +122,11 @@ impl Schema {
     }
 }
 
-/// Values of a message without its sequences.
+/// Largest number of values of a message with empty sequences.
 const MOST_VALUES: usize = 1_000_000;
-/// Types within types. Messages are read recursively; those of ROS are nested seven deep at most.
+/// Largest nesting depth of types. Messages are read recursively; those of ROS are nested seven deep at most.
 const DEEPEST: usize = 32;
-/// Characters of a field's name. Names of columns are made of the names of nested fields.
+/// Largest number of characters of a field's name. Names of columns are composed of names of nested fields.
 const LONGEST_NAME: usize = 255;
 
 #[derive(Clone, Copy)]
@@ -136,12 +136,12 @@ enum Count {
     Done(usize),
 }
 
-/// `pkg/msg/Name` to `pkg/Name`.
+/// Shortens `pkg/msg/Name` to `pkg/Name`.
 fn short(type_name: &str) -> String {
     type_name.replacen("/msg/", "/", 1)
 }
 
-/// The field that a line declares; nothing for comments, constants and empty lines.
+/// The field that a line declares; `None` for comments, constants and empty lines.
 fn field(
     type_name: &str,
     line: &str,
@@ -151,7 +151,7 @@ fn field(
         type_name: type_name.to_owned(),
         line: line.trim().to_owned(),
     };
-    // Text in quotes may hold a #, but stands behind type and name.
+    // A quoted text may contain a `#`, but comes after type and name.
     let words = line.trim_start();
     if words.is_empty() || words.starts_with('#') {
         return Ok(None);
@@ -207,7 +207,7 @@ fn field(
     }))
 }
 
-/// `float64[<=3]`, `string<=10[2]` and the like.
+/// Parses types such as `float64[<=3]` and `string<=10[2]`.
 fn written_type(text: &str) -> Option<Written> {
     let (base, shape) = match text.strip_suffix(']') {
         None => (text, Shape::One),
@@ -261,7 +261,7 @@ mod tests {
             let fields = schema.unwrap_or_else(|e| panic!("{name}: {e}")).structs[0]
                 .fields
                 .len();
-            // The octet of an empty message is on the wire and not in the text.
+            // The dummy octet of an empty message is part of the serialized bytes, but not of the text.
             let in_text = |f: &&msg::FieldDefinition| !f.name.starts_with("structure_needs");
             let expected = definition.fields.iter().filter(in_text).count();
             assert_eq!(fields, expected, "{name}");
@@ -304,7 +304,7 @@ mod tests {
         assert!(error("float64[x] w").contains("float64[x]"));
         assert!(error("float64[99999999999] w").contains("a million values"));
         assert!(error(&format!("float64 {}", "x".repeat(300))).contains("255 characters"));
-        // Without a value in them, but no less work to visit.
+        // These types contain no value, but visiting them takes as long.
         let nested = "A[4000000000] a\n===\nMSG: a/A\nC[4000000000] c\n===\nMSG: a/C\n";
         assert!(error(nested).contains("a million values"));
         assert!(

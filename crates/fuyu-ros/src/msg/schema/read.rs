@@ -42,7 +42,7 @@ impl Schema {
         let (big_endian, widest, body) = match cdr {
             [0, 0, _, _, body @ ..] => (true, 8, body),
             [0, 1, _, _, body @ ..] => (false, 8, body),
-            // Version 2 of the encoding aligns to four bytes at most.
+            // Version 2 of the encoding aligns to at most four bytes.
             [0, 6, _, _, body @ ..] => (true, 4, body),
             [0, 7, _, _, body @ ..] => (false, 4, body),
             _ => return Err(Malformed),
@@ -61,7 +61,7 @@ impl Schema {
     }
 }
 
-/// Fields that take no room (arrays of no elements), which only a message made to harm repeats in a sequence.
+/// Allowed number of fields without bytes (arrays of no elements); only malicious messages repeat them in a sequence.
 const MOST_EMPTY: usize = 1_000_000;
 
 struct Walk<'s, 'a> {
@@ -70,7 +70,7 @@ struct Walk<'s, 'a> {
     at: usize,
     big_endian: bool,
     widest: usize,
-    /// Fields and elements that may still follow: each takes at least one octet, except empty arrays.
+    /// Number of fields and elements that may still follow: each has at least one byte, except empty arrays.
     left: usize,
     found: Reading<'a>,
 }
@@ -169,7 +169,7 @@ mod tests {
         };
         let few = message(10);
         assert_eq!(schema.read(&few).unwrap().values.len(), 10_010);
-        // A thousand million values of a message of one megabyte.
+        // A billion values in a message of one megabyte.
         assert_eq!(schema.read(&message(1_000_000)), Err(Malformed));
     }
 }

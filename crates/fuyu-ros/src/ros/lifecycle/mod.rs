@@ -27,7 +27,7 @@ use state_machine::{
 pub enum Transition {
     /// Create endpoints and other resources.
     Configure,
-    /// Release them.
+    /// Release the resources.
     CleanUp,
     /// Start working.
     Activate,
@@ -37,7 +37,7 @@ pub enum Transition {
     Shutdown,
 }
 
-/// Primary state of a managed node.
+/// Primary state of a managed node, a node with a lifecycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LifecycleState {
     /// Only parameters and lifecycle services exist.
@@ -61,7 +61,7 @@ impl LifecycleState {
     }
 }
 
-/// Lifecycle of a managed node. Its program calls [`Self::follow`] often, which carries out the requested transitions.
+/// Lifecycle of a managed node. Its program calls [`Self::follow`] often, to carry out the requested transitions.
 pub struct Lifecycle {
     node: Node,
     state: Arc<AtomicU8>,
@@ -71,7 +71,7 @@ pub struct Lifecycle {
 }
 
 impl Lifecycle {
-    /// Declares whether a node configures and activates itself, and reads it.
+    /// Declares and reads the parameter that determines whether the node configures and activates itself.
     pub fn declare_autostart(declare: &mut Declare) -> bool {
         declare
             .param(
@@ -83,7 +83,7 @@ impl Lifecycle {
             .value()
     }
 
-    /// An unconfigured node, with its services.
+    /// Lifecycle of a node that is unconfigured; creates its services.
     ///
     /// # Errors
     /// When DDS refuses.
@@ -117,7 +117,7 @@ impl Lifecycle {
         })
     }
 
-    /// Where the node is.
+    /// Present state of the node.
     pub fn state(&self) -> LifecycleState {
         LifecycleState::of(self.now())
     }
@@ -132,8 +132,8 @@ impl Lifecycle {
         !self.changes.is_empty()
     }
 
-    /// Makes the transitions that clients ask for; `work` does each. If `work` fails, the node stays in its
-    /// state (or is finalized, for a shutdown), and the error is logged.
+    /// Carries out the transitions that clients have requested; `work` performs each. If `work` fails, the error is
+    /// logged, and the node stays in its state (or is finalized, for a shutdown).
     pub fn follow(&self, mut work: impl FnMut(Transition) -> Result<(), NodeError>) {
         while let Some(call) = self.changes.take() {
             let outcome = match requested(&call.request, self.now()) {
@@ -168,7 +168,7 @@ impl Lifecycle {
         self.state.load(Ordering::Acquire)
     }
 
-    /// Performs a transition and its callback, and enters the state that follows from the outcome.
+    /// Performs a transition with its callback and enters the resulting state.
     fn pass(
         &self,
         way: Edge,

@@ -4,7 +4,7 @@ use crate::msg::lifecycle_msgs::{
     State, Transition as Way, TransitionDescription, services::ChangeStateRequest,
 };
 
-/// States by number, as rcl registers and names them.
+/// States by number, with the names of rcl.
 pub(super) const STATES: [(u8, &str); 11] = [
     (State::PRIMARY_STATE_UNKNOWN, "unknown"),
     (State::PRIMARY_STATE_UNCONFIGURED, "unconfigured"),
@@ -23,8 +23,8 @@ pub(super) const SUCCESS: &str = "transition_success";
 pub(super) const FAILURE: &str = "transition_failure";
 const ERROR: &str = "transition_error";
 
-/// The state machine of rcl: number, name, from, to. Without its processing of errors ([`ERRORS`]): here what cannot be
-/// done is a failure.
+/// Transitions of rcl's state machine: number, name, start state, goal state. Error processing ([`ERRORS`]) is omitted:
+/// here an error counts as a failed transition.
 pub(super) const GRAPH: [(u8, &str, u8, u8); 17] = {
     use State as S;
     use Way as W;
@@ -123,8 +123,8 @@ pub(super) const GRAPH: [(u8, &str, u8, u8); 17] = {
     ]
 };
 
-/// The transitions of rcl's state machine that [`GRAPH`] lacks. They are never taken here, but clients of the graph look for
-/// them.
+/// Transitions of rcl's state machine that [`GRAPH`] omits. They never occur here, but clients that query the graph
+/// expect them.
 pub(super) const ERRORS: [(u8, &str, u8, u8); 8] = {
     use State as S;
     use Way as W;
@@ -181,17 +181,17 @@ pub(super) const ERRORS: [(u8, &str, u8, u8); 8] = {
     ]
 };
 
-/// Number, name, from, to.
+/// A transition: number, name, start state, goal state.
 pub(super) type Edge = (u8, &'static str, u8, u8);
 
-/// The edge called `label` that leads out of state `from`.
+/// The transition called `label` that starts in state `from`.
 pub(super) fn edge(label: &str, from: u8) -> Option<Edge> {
     GRAPH
         .into_iter()
         .find(|&(_, name, start, _)| name == label && start == from)
 }
 
-/// The transition that a client requests: by name if there is one, else by number.
+/// The transition that a client requests: by name if one is given, otherwise by number.
 pub(super) fn requested(request: &ChangeStateRequest, from: u8) -> Result<Edge, String> {
     let Way { id, label } = &request.transition;
     let asked = |&&(number, name, start, _): &&Edge| {
@@ -256,7 +256,7 @@ mod tests {
         }
     }
 
-    // Would break if a transition could be made from a state that it does not lead out of.
+    // Fails if a transition is possible from a state in which it does not start.
     #[test]
     fn transitions_lead_out_of_their_states_only() {
         let from = State::PRIMARY_STATE_UNCONFIGURED;
@@ -274,7 +274,7 @@ mod tests {
             )
         );
         assert!(to(ask(0, "fly")).unwrap_err().contains("'fly'"));
-        // The outcome of a transition is not for clients to decide.
+        // Clients may not request the transitions that are outcomes of callbacks.
         let inside = State::TRANSITION_STATE_CONFIGURING;
         assert!(requested(&ask(10, ""), inside).is_err());
     }

@@ -1,4 +1,4 @@
-//! Quality of service inside a participant, without DDS.
+//! Tests of the QoS inside a participant, without DDS.
 
 use std::{
     sync::{Arc, Mutex, PoisonError, atomic::Ordering::Relaxed, mpsc},
@@ -72,7 +72,7 @@ fn numbers(range: std::ops::Range<usize>) -> Vec<String> {
     range.map(|n| n.to_string()).collect()
 }
 
-// Fails if the depth of a reliable subscription limits what a late program gets.
+// Fails if a late program loses messages of a reliable subscription because of its depth.
 #[test]
 fn reliable_messages_wait_for_a_late_program() {
     let topic = Arc::default();
@@ -82,7 +82,7 @@ fn reliable_messages_wait_for_a_late_program() {
         publish(&writer, &n.to_string());
     }
     assert_eq!(listener.lost(), 0);
-    // Memory has a limit; what is lost is counted.
+    // The memory is limited; lost messages are counted.
     for n in 4096..5000 {
         publish(&writer, &n.to_string());
     }
@@ -126,7 +126,7 @@ fn late_joiners_get_what_a_transient_local_publisher_keeps() {
     publish(&kept, "5");
     assert_eq!(late.taken(), ["3", "4", "5"]);
     assert_eq!(volatile.taken(), ["5"]);
-    // A publisher that has left keeps nothing.
+    // A publisher that has left retains no messages.
     topic.remove_writer(&kept);
     assert!(Listener::new(&topic, Qos::LATCHED).taken().is_empty());
 }
@@ -147,7 +147,7 @@ fn what_is_older_than_the_lifespan_is_not_kept() {
     assert!(Listener::new(&topic, Qos::LATCHED).taken().is_empty());
 }
 
-// Fails if a joiner gets a message twice (kept and live), or misses one in between.
+// Fails if a joining subscription gets a message twice (retained and live), or misses one in between.
 #[test]
 fn a_subscription_that_joins_meanwhile_misses_and_repeats_nothing() {
     let topic: Arc<LocalTopic> = Arc::default();
@@ -259,7 +259,7 @@ fn endpoints_are_matched_by_type_and_quality_of_service() {
     assert!(!satisfies(&with(None), &with(deadline(10))));
 }
 
-/// Keeps what it gets.
+/// Stores all samples.
 #[derive(Default)]
 struct Collector(Mutex<Vec<LocalSample>>);
 
@@ -298,7 +298,7 @@ fn subscriptions_share_one_message_and_its_bytes() {
     assert_eq!(samples[0].raw.cdr.as_ptr(), samples[1].raw.cdr.as_ptr());
 }
 
-/// A handler that waits for permission before each sample.
+/// A handler that waits for a permission before each sample.
 fn slow_handler(
     topic: &Arc<LocalTopic>,
     qos: Qos,
@@ -330,7 +330,7 @@ fn slow_handler(
     (reader, queue, permit, all)
 }
 
-// Fails if a handler runs in the thread that publishes, or if a reliable subscription loses what comes meanwhile.
+// Fails if a handler runs in the publishing thread, or if a reliable subscription loses messages meanwhile.
 #[test]
 fn a_slow_handler_delays_no_publisher_and_loses_nothing() {
     let topic: Arc<LocalTopic> = Arc::default();
@@ -362,7 +362,7 @@ fn a_best_effort_handler_gets_the_newest() {
     drop(permit);
     queue.flush(&reader, Duration::from_secs(60));
     let got: Vec<_> = all.try_iter().collect();
-    // One may have been with the handler already.
+    // The handler may have held one more message.
     assert!(got.ends_with(&[99, 100, 101]) && got.len() <= 4, "{got:?}");
     let lost = reader.counters.dropped.load(Relaxed);
     assert_eq!(lost + got.len() as u64, 100);

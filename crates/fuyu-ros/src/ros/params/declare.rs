@@ -11,7 +11,7 @@ use super::{
     store::{Check, Entry},
 };
 
-/// Parameters with wrong values, unknown parameters, and required parameters without a value.
+/// Errors of a node's parameters: wrong values, unknown parameters, and required parameters without a value.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DeclareError(Vec<String>);
 
@@ -24,8 +24,8 @@ impl std::fmt::Display for DeclareError {
 
 impl std::error::Error for DeclareError {}
 
-/// Declares the parameters of a node, one after the other. All errors in the given
-/// values are collected and reported at once by [`finish`](Self::finish).
+/// Declares the parameters of a node, one after the other. Errors in the given values are collected and reported
+/// together by [`finish`](Self::finish).
 #[must_use = "call `finish` to check the given values"]
 #[derive(Debug)]
 pub struct Declare {
@@ -34,7 +34,7 @@ pub struct Declare {
 }
 
 impl Declare {
-    /// For `store`; a node has [`Node::declare`](crate::ros::Node::declare).
+    /// Declares parameters in `store`; within a node use [`Node::declare`](crate::ros::Node::declare).
     pub fn new(store: Arc<ParameterStore>) -> Self {
         Self {
             store,
@@ -42,8 +42,8 @@ impl Declare {
         }
     }
 
-    /// A parameter with a default, whose type is that of the default. The description should name the
-    /// unit.
+    /// Starts the declaration of a parameter with a default, which also determines the type. The description should
+    /// state the unit.
     pub fn param<D: DefaultValue>(
         &mut self,
         name: &str,
@@ -53,7 +53,7 @@ impl Declare {
         Declaration::new(self, name, Some(default.into_parameter()), description)
     }
 
-    /// A parameter that must be given.
+    /// Starts the declaration of a parameter without default, whose value must be given.
     pub fn required<T: Parameter + Default>(
         &mut self,
         name: &str,
@@ -62,7 +62,7 @@ impl Declare {
         Declaration::new(self, name, None, description)
     }
 
-    /// The folder of the parameter file that gives the value of `name`, to which a path in it may be relative.
+    /// Folder of the parameter file that gives the value of `name`: base of relative paths in the value.
     pub fn folder_of(&self, name: &str) -> Option<PathBuf> {
         match self.store.given(name)?.source {
             Source::File { file, .. } => Some(Path::new(&file).parent()?.to_owned()),
@@ -70,8 +70,8 @@ impl Declare {
         }
     }
 
-    /// The first parts of the names that are given below `prefix`, in order and without repetition:
-    /// with `joints.shoulder.kp` given, `children("joints")` holds `shoulder`.
+    /// The distinct first parts of the given parameter names below `prefix`, in order: with `joints.shoulder.kp` given,
+    /// `children("joints")` returns `shoulder`.
     pub fn children(&self, prefix: &str) -> Vec<String> {
         let mut children = Vec::new();
         for given in self.store.pending() {
@@ -86,8 +86,8 @@ impl Declare {
         children
     }
 
-    /// Refuses combinations of values, now and whenever a parameter is set. The closure reads the
-    /// values as they would be.
+    /// Adds a check of a combination of parameters, applied now and whenever a parameter is set. The closure reads the
+    /// values as they would be after the change.
     pub fn check_together(
         &mut self,
         check: impl Fn(&dyn Fn(&str) -> ParameterValue) -> Result<(), String> + Send + 'static,
@@ -97,12 +97,11 @@ impl Declare {
         }
     }
 
-    /// Ends the declarations: from here on every parameter that is given to this node must have been
-    /// declared. One that is given to all nodes may be for others.
+    /// Ends the declarations. Every parameter that is given to this node must have been declared; a parameter that is
+    /// given to all nodes may be for others.
     ///
     /// # Errors
-    /// [`DeclareError`] lists all that is wrong: who gave it, the parameter, the value, what would be
-    /// right.
+    /// [`DeclareError`] with all errors: origin, parameter, value, and the allowed values.
     pub fn finish(mut self) -> Result<(), DeclareError> {
         let names = self.store.names();
         for given in self.store.pending() {
@@ -167,13 +166,13 @@ impl<'a, T: Parameter> Declaration<'a, T> {
         }
     }
 
-    /// Fixed once the node runs.
+    /// Makes the parameter read-only once the node runs.
     pub fn read_only(mut self) -> Self {
         self.descriptor.read_only = true;
         self
     }
 
-    /// A condition other than a range: `constraints` describes it for people, `check` rejects values.
+    /// Adds a condition other than a range: `constraints` describes it to users, `check` rejects values.
     pub fn check(
         mut self,
         constraints: &str,
@@ -182,7 +181,7 @@ impl<'a, T: Parameter> Declaration<'a, T> {
         self.descriptor.additional_constraints = constraints.to_owned();
         self.check = Some(Box::new(move |value| match T::from_value(value) {
             Some(value) => check(&value),
-            // Types are compared before checks run.
+            // The type is compared before the checks run.
             None => Ok(()),
         }));
         self
@@ -212,7 +211,7 @@ impl<'a, T: Parameter> Declaration<'a, T> {
         }
     }
 
-    /// Adds the parameter to the store. Returns its name and its value, or a default of the type if the value is wrong.
+    /// Adds the parameter to the store. Returns its name and its value; if the value is wrong, the default of its type.
     fn declare(self) -> (String, T)
     where
         T: Default,
@@ -266,7 +265,7 @@ impl<'a, T: Parameter> Declaration<'a, T> {
 macro_rules! ranges {
     ($($ty:ty, $number:ty, $range:ident);* $(;)?) => {$(
         impl Declaration<'_, $ty> {
-            /// Smallest and largest value (of every element, for a list).
+            /// Sets the smallest and largest value (for a list: of every element).
             pub fn range(mut self, from: $number, to: $number) -> Self {
                 self.descriptor.range = Some(Range::$range { from, to });
                 self
@@ -288,20 +287,20 @@ pub struct Param<T> {
     name: String,
     fallback: T,
     seen: AtomicU64,
-    /// Revision of the store at the last call of `changed`.
+    /// Revision of the store at the last call of [`Self::changed`].
     revision: AtomicU64,
 }
 
 impl<T: Parameter> Param<T> {
-    /// Its value now.
+    /// Present value of the parameter.
     pub fn get(&self) -> T {
         let value = self.store.read(&self.name, |e| T::from_value(&e.value));
         value.flatten().unwrap_or_else(|| self.fallback.clone())
     }
 
-    /// Whether it was set since the last call (since it was declared, for the first).
+    /// Whether the parameter was set since the last call; for the first call, since its declaration.
     pub fn changed(&self) -> bool {
-        // Most calls end here. Before the version is read: a change meanwhile is found by the next call.
+        // Fast path of most calls. The revision is read before the version, so the next call finds a change in between.
         let revision = self.revision();
         if self.revision.swap(revision, Ordering::Relaxed) == revision {
             return false;
@@ -310,14 +309,14 @@ impl<T: Parameter> Param<T> {
         self.seen.swap(version, Ordering::Relaxed) != version
     }
 
-    /// A number that is different after any parameter of the node was set: none has changed while it is the same.
+    /// Revision of the node's parameters: it changes whenever any of them is set.
     pub fn revision(&self) -> u64 {
         self.store.revision()
     }
 }
 
 impl<T> Param<T> {
-    /// Its name.
+    /// Name of the parameter.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -327,7 +326,7 @@ impl<T> Param<T> {
 pub trait DefaultValue {
     /// The parameter's Rust type.
     type Parameter: Parameter + Default;
-    /// The default as that type.
+    /// Converts the default to the parameter's type.
     fn into_parameter(self) -> Self::Parameter;
 }
 

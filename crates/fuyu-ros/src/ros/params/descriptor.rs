@@ -3,7 +3,7 @@
 use super::{Kind, ParameterValue};
 use crate::msg::rcl_interfaces as msg;
 
-/// Values that a number may take.
+/// Range of a numeric parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Range {
     /// Integers.
@@ -25,24 +25,24 @@ pub enum Range {
 /// Descriptor of a parameter: all but its value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Descriptor {
-    /// Its dotted name.
+    /// Dotted name of the parameter.
     pub name: String,
-    /// Its type, which never changes.
+    /// Type of the parameter, which never changes.
     pub kind: Kind,
-    /// What it is for, with its unit.
+    /// Purpose and unit of the parameter.
     pub description: String,
-    /// In words, what the range does not say.
+    /// Constraints beyond the range, in words.
     pub additional_constraints: String,
-    /// Whether it is fixed once the node runs.
+    /// Whether the parameter is fixed once the node runs.
     pub read_only: bool,
-    /// Bounds of a number, or of every number of a list.
+    /// Range of a number, or of every element of a list.
     pub range: Option<Range>,
 }
 
 impl Descriptor {
-    /// Whether `value`, of the right type, lies in the range.
+    /// Checks that `value`, which has the right type, is within the range.
     pub(super) fn check_range(&self, value: &ParameterValue) -> Result<(), String> {
-        // Ordered so that NaN fails.
+        // The comparisons are ordered such that NaN fails.
         let inside = match (self.range, value) {
             (Some(Range::Double { from, to }), ParameterValue::Double(v)) => from <= *v && *v <= to,
             (Some(Range::Double { from, to }), ParameterValue::DoubleArray(v)) => {
@@ -99,7 +99,7 @@ impl From<&Descriptor> for msg::ParameterDescriptor {
             additional_constraints: d.additional_constraints.clone(),
             read_only: d.read_only,
             dynamic_typing: false,
-            // One range fits the bound of one.
+            // Each list has at most one element, which its bound allows.
             floating_point_range: floating_point_range.try_into().unwrap_or_default(),
             integer_range: integer_range.try_into().unwrap_or_default(),
         }

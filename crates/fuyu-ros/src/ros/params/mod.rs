@@ -21,7 +21,7 @@ pub(super) use store::Change;
 /// The parameter that selects `/clock` as the time of a node; every node has it.
 pub const USE_SIM_TIME: &str = "use_sim_time";
 
-/// A value from outside the program for one parameter of one node.
+/// Value of one parameter of one node from outside the node's program.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Override {
     /// Name of the parameter, dotted.
@@ -30,21 +30,21 @@ pub struct Override {
     pub value: ParameterValue,
     /// Origin of the value.
     pub source: Source,
-    /// Whether it is for all nodes that have such a parameter (`/**` in a file, `-p` without a node). Otherwise it is for
-    /// this node, which must have the parameter.
+    /// Whether the value is for all nodes that have such a parameter (`/**` in a file, `-p` without a node). Otherwise
+    /// it is for this node, which must have the parameter.
     pub shared: bool,
 }
 
-/// Origin of a value.
+/// Origin of a parameter value.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Source {
     /// `-p` on the command line.
     Argument,
     /// A line of a parameter file.
     File {
-        /// The file as it was named.
+        /// Name of the file as given.
         file: String,
-        /// Its line, from 1.
+        /// Line number, from 1.
         line: u64,
     },
     /// The program that starts the node.

@@ -16,7 +16,8 @@ use crate::{
     ros::{Node, NodeError, Qos, endpoint::EndpointSpec, service::ServiceServer},
 };
 
-/// Creates the parameter services of a node and announces its changes. The services live as long as the returned servers.
+/// Creates the parameter services of a node and starts publishing parameter events. The services exist as long as the
+/// returned servers.
 pub(in crate::ros) fn serve(node: &Node) -> Result<Vec<ServiceServer>, NodeError> {
     let store = node.parameters();
     announce_changes(node)?;
@@ -141,8 +142,8 @@ fn event(
     }
 }
 
-/// As rclcpp lists: names at or below one of the prefixes (all, without prefixes), at most `depth` levels
-/// below it (any number, if zero), and the prefixes of what was found.
+/// Lists parameters as rclcpp does: names at or below one of the prefixes (without prefixes all names), at most `depth`
+/// levels below it (zero: no limit), and the prefixes of the listed names.
 fn list_names(names: &[String], prefixes: &[String], depth: u64) -> ListParametersResult {
     let levels = |rest: &str| 1 + rest.matches('.').count() as u64;
     let shallow = |rest: &str| depth == 0 || levels(rest) <= depth;

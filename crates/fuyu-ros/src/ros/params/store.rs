@@ -12,9 +12,9 @@ use std::{
 use super::{Descriptor, Kind, Override, ParameterValue};
 use crate::ros::NodeName;
 
-/// Rejects a value, saying why.
+/// Check of a value; the error is the reason of the rejection.
 pub(super) type Check = Box<dyn Fn(&ParameterValue) -> Result<(), String> + Send>;
-/// Rejects a combination of values, saying why.
+/// Check of a combination of values; the error is the reason of the rejection.
 type Validator = Box<dyn Fn(&dyn Fn(&str) -> ParameterValue) -> Result<(), String> + Send>;
 type Listener = Box<dyn Fn(&[Change]) + Send + Sync>;
 
@@ -39,7 +39,7 @@ pub(super) struct Entry {
     pub(super) descriptor: Descriptor,
     pub(super) value: ParameterValue,
     pub(super) check: Option<Check>,
-    /// How often it was set.
+    /// Number of times that the parameter was set.
     pub(super) version: u64,
 }
 
@@ -56,7 +56,7 @@ struct Inner {
 pub struct ParameterStore {
     node: NodeName,
     inner: Mutex<Inner>,
-    /// How often parameters were declared or set.
+    /// Number of declarations and changes of parameters.
     revision: AtomicU64,
     listener: OnceLock<Listener>,
 }
@@ -70,7 +70,8 @@ impl fmt::Debug for ParameterStore {
 }
 
 impl ParameterStore {
-    /// A store without declarations. Each of `overrides` applies when its parameter is declared; the last one wins.
+    /// A store without declarations. An element of `overrides` applies when its parameter is declared; of several for
+    /// the same parameter the last one applies.
     pub fn new(node: NodeName, overrides: Vec<Override>) -> Self {
         Self {
             node,
@@ -84,7 +85,7 @@ impl ParameterStore {
         }
     }
 
-    /// The node whose parameters these are.
+    /// Name of the node that the parameters belong to.
     pub fn node(&self) -> &NodeName {
         &self.node
     }
@@ -93,7 +94,7 @@ impl ParameterStore {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Sets the listener, called after every change without holding the lock. Only the first call has an effect.
+    /// Sets the listener, which is called after every change, without the lock. Only the first call has an effect.
     pub(in crate::ros) fn on_change(&self, listener: impl Fn(&[Change]) + Send + Sync + 'static) {
         let _ = self.listener.set(Box::new(listener));
     }
@@ -106,14 +107,14 @@ impl ParameterStore {
         }
     }
 
-    /// Overrides whose parameters are not declared yet.
+    /// Overrides of parameters that have not been declared yet.
     pub(super) fn pending(&self) -> Vec<Override> {
         let inner = self.lock();
         let declared = |o: &&Override| !inner.entries.contains_key(&o.name);
         inner.overrides.iter().filter(declared).cloned().collect()
     }
 
-    /// The last override of `name`.
+    /// The last override of `name`, if any.
     pub(super) fn given(&self, name: &str) -> Option<Override> {
         let inner = self.lock();
         inner.overrides.iter().rfind(|o| o.name == name).cloned()
@@ -147,7 +148,7 @@ impl ParameterStore {
         self.lock().entries.get(name).map(read)
     }
 
-    /// A number that is different after any parameter was declared or set.
+    /// Revision of the store: it changes whenever a parameter is declared or set.
     pub(super) fn revision(&self) -> u64 {
         self.revision.load(Ordering::Acquire)
     }
@@ -170,8 +171,8 @@ impl ParameterStore {
     /// Sets several parameters, all or none.
     ///
     /// # Errors
-    /// [`SetError`] for the first that is refused: unknown, read-only, of another type, out of range
-    /// or rejected by the node.
+    /// [`SetError`] for the first parameter that is rejected: unknown, read-only, of another type, out of range or
+    /// rejected by a check.
     pub fn set(&self, values: Vec<(String, ParameterValue)>) -> Result<(), SetError> {
         let changes = self.lock().set(&self.node, values)?;
         self.revision.fetch_add(1, Ordering::Release);

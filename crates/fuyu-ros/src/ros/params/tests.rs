@@ -95,7 +95,7 @@ fn a_running_node_refuses_with_the_reason() {
         (vec![("near", V::Double(11.0))], "expected 0 to 10"),
         (vec![("urdf", V::String("b".into()))], "read-only"),
         (vec![("near", V::Double(6.0))], "near must be below far"),
-        // All or none: the first would be fine.
+        // All values are set or none: the first one alone is valid.
         (
             vec![("far", V::Double(9.0)), ("near", V::Double(-1.0))],
             "out of range",
@@ -108,7 +108,7 @@ fn a_running_node_refuses_with_the_reason() {
         );
     }
     assert_eq!(store.get("far"), Some(V::Double(5.0)));
-    // Together they fit, though one after the other they would not.
+    // The values are valid together, but would not be if they were set one after the other.
     set(&[("near", V::Double(6.0)), ("far", V::Double(7.0))]).unwrap();
     assert_eq!(store.get("near"), Some(V::Double(6.0)));
 }
@@ -147,8 +147,8 @@ fn the_last_source_wins() {
     declare.finish().unwrap();
 }
 
-// Would break if `/**` or an unscoped `-p`, which apply only to nodes with such a parameter, stopped a launch,
-// or if a misspelt parameter of one node went through.
+// Fails if `/**` or an unscoped `-p`, which apply only to nodes with such a parameter, prevent a launch, or if a
+// misspelt parameter of one node is accepted.
 #[test]
 fn what_is_given_to_all_nodes_may_be_for_others() {
     let finish = |text: &str, arguments: &str, only_node| {

@@ -57,7 +57,7 @@ pub enum ParameterValue {
 }
 
 impl ParameterValue {
-    /// Its type.
+    /// Type of the value.
     pub fn kind(&self) -> Kind {
         match self {
             Self::NotSet => Kind::NotSet,
@@ -76,16 +76,16 @@ impl ParameterValue {
     /// Parses a value in YAML, such as `30.0`, `[1, 2]` or `hello`, as given by `-p`.
     ///
     /// # Errors
-    /// Says what is wrong with the text and what would be right.
+    /// The error says what is wrong with the text and what is allowed.
     pub fn parse_yaml(text: &str) -> Result<Self, String> {
         yaml::parse_value(text)
     }
 
-    /// Converts to the type `wanted` where YAML cannot distinguish the types: an empty list fits
-    /// any list, and bytes are written as integers.
+    /// Converts the value to the type `wanted` where YAML cannot distinguish types: an empty list fits any list type,
+    /// and bytes are written as integers.
     ///
     /// # Errors
-    /// Reason, with what would be right. An integer is not a double: ROS distinguishes them.
+    /// The reason and the expected type. An integer is not converted to a double: ROS distinguishes them.
     pub(super) fn fit(self, wanted: Kind) -> Result<Self, String> {
         let empty = matches!(&self, Self::IntegerArray(v) if v.is_empty());
         match (self, wanted) {
@@ -118,7 +118,7 @@ impl ParameterValue {
     }
 }
 
-/// As YAML flow text.
+/// Writes the value as YAML flow text.
 impl fmt::Display for ParameterValue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         fn list<T: fmt::Debug>(f: &mut fmt::Formatter<'_>, items: &[T]) -> fmt::Result {
@@ -139,13 +139,13 @@ impl fmt::Display for ParameterValue {
     }
 }
 
-/// A Rust type that a parameter can be read as.
+/// Rust type of a parameter.
 pub trait Parameter: Clone + Send + 'static {
     /// The ROS type.
     const KIND: Kind;
-    /// To ROS.
+    /// Converts to a ROS parameter value.
     fn into_value(self) -> ParameterValue;
-    /// From ROS; `None` if it is of another type.
+    /// Converts from a ROS parameter value; `None` if it is of another type.
     fn from_value(value: &ParameterValue) -> Option<Self>;
 }
 

@@ -1,4 +1,4 @@
-//! YAML of ROS parameter files: a tree with the location of each value.
+//! YAML of ROS parameter files, parsed to a tree with the location of each value.
 
 use serde::de::{self, Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_saphyr::{Location, Spanned};
@@ -6,7 +6,7 @@ use std::fmt;
 
 use super::ParameterValue;
 
-/// A node of the document.
+/// A node of the YAML tree.
 #[derive(Debug, Clone)]
 pub(in crate::ros) enum Tree {
     Null,
@@ -31,10 +31,10 @@ impl Tree {
         }
     }
 
-    /// The parameter value that this scalar or list stands for.
+    /// Converts a scalar or list to a parameter value.
     ///
     /// # Errors
-    /// Location and reason, with what would be right.
+    /// Location and reason, with the allowed values.
     pub(in crate::ros) fn value(&self, at: Location) -> Result<ParameterValue, (Location, String)> {
         match self {
             Self::Bool(v) => Ok(ParameterValue::Bool(*v)),
@@ -54,7 +54,7 @@ impl Tree {
     }
 }
 
-/// A list takes the type of its first element; the others must agree.
+/// The first element of a list determines its type; the others must have the same type.
 fn list(items: &[Spanned<Tree>]) -> Result<ParameterValue, (Location, String)> {
     let Some(first) = items.first() else {
         // An empty list has no type yet: `ParameterValue::fit` converts it to any list type.
@@ -114,14 +114,14 @@ fn list(items: &[Spanned<Tree>]) -> Result<ParameterValue, (Location, String)> {
     }
 }
 
-/// The whole document.
+/// Parses a YAML document.
 ///
 /// # Errors
 /// Location and reason, if it is not valid YAML.
 pub(in crate::ros) fn parse(text: &str) -> Result<Spanned<Tree>, (Option<Location>, String)> {
     let options = serde_saphyr::options! {
         non_finite_float_policy: serde_saphyr::options::NonFiniteFloatPolicy::PassThrough,
-        // Aliases of aliases make megabytes of a few lines.
+        // Limits the expansion of nested aliases, which turns a few lines into megabytes.
         alias_limits: serde_saphyr::alias_limits! {
             max_total_replayed_events: 100_000,
         },
@@ -132,13 +132,13 @@ pub(in crate::ros) fn parse(text: &str) -> Result<Spanned<Tree>, (Option<Locatio
     })
 }
 
-/// One value, as `-p name:=value` gives it.
+/// Parses one value, as in `-p name:=value`.
 pub(super) fn parse_value(text: &str) -> Result<ParameterValue, String> {
     let tree = parse(text).map_err(|(_, e)| e)?;
     tree.value.value(tree.referenced).map_err(|(_, e)| e)
 }
 
-/// The parser's message without its location, which the caller adds, and without its hints for programmers.
+/// Shortens the parser's message: without its location, which the caller adds, and without hints for programmers.
 fn brief(text: &str) -> String {
     let line = text.lines().next().unwrap_or_default();
     let ends = [" at line ", ", set DuplicateKeyPolicy"];

@@ -5,9 +5,9 @@ use std::{any::Any, fmt, thread, thread::JoinHandle};
 /// Why a session or an endpoint could not be created.
 #[derive(Debug)]
 pub(in crate::ros) enum TransportError {
-    /// The session has deadlocked; a new one may work.
+    /// The session has deadlocked; a new session may work.
     Deadlocked(AbandonedSession),
-    /// The process has no file descriptors left; the session is not affected.
+    /// No file descriptors are left; the session is not affected.
     NoDescriptors(String),
     /// Any other error, as text.
     Other(String),
@@ -18,7 +18,7 @@ impl TransportError {
         Self::Other(reason.to_string())
     }
 
-    /// Drops the session's data, as soon as the drop cannot block.
+    /// Passes data of the session to the error, to be dropped once that cannot block.
     pub(super) fn abandoning(mut self, rest: impl Send + 'static) -> Self {
         match &mut self {
             Self::Deadlocked(stuck) => stuck.keep(rest),
@@ -43,8 +43,8 @@ impl fmt::Display for TransportError {
     }
 }
 
-/// A deadlocked session: the thread that is blocked in it, and objects whose drop would block too. They are dropped
-/// when that thread ends, which it usually never does.
+/// A deadlocked session: the blocked thread, and objects whose drop would block too. They are dropped after the thread
+/// has ended, which usually never happens.
 #[derive(Debug, Default)]
 pub(in crate::ros) struct AbandonedSession {
     maker: Option<JoinHandle<()>>,

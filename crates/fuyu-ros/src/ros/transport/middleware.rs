@@ -1,4 +1,4 @@
-//! Choice of the transport, as in ROS: `RMW_IMPLEMENTATION`.
+//! Selection of the transport by `RMW_IMPLEMENTATION`, as in ROS.
 
 use std::sync::Arc;
 
@@ -33,8 +33,8 @@ impl Default for Middleware {
 }
 
 impl Middleware {
-    /// Reads `RMW_IMPLEMENTATION` and the variables of that implementation. All implementations of DDS are
-    /// compatible, so each of their names means the one of this crate.
+    /// Reads `RMW_IMPLEMENTATION` and the variables of that implementation. All DDS implementations are compatible, so
+    /// the name of any of them selects the DDS of this crate.
     ///
     /// # Errors
     /// [`DomainError`] names the variable, its value and what would be right.
@@ -68,7 +68,7 @@ impl Middleware {
         Self(Kind::Zenoh(Box::new(config)))
     }
 
-    /// For a participant in this domain.
+    /// Creates the transport of a participant in this domain.
     pub(in crate::ros) fn transport(&self, domain: Domain) -> Arc<dyn Transport> {
         match &self.0 {
             Kind::Dds(peers) => Arc::new(DdsTransport::new(domain, peers.clone())),

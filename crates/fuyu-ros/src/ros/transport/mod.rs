@@ -1,9 +1,10 @@
-//! Transports carry messages between participants.
+//! Transports, which carry messages between participants.
 //!
-//! A [`Transport`] opens [`Session`]s, one after the other if need be. A session gives every publisher a
-//! [`WireWriter`], passes received samples to the subscriptions ([`Reader::receive`]), counts the matched peers of every
-//! endpoint in its [`Counters`](super::endpoint::Counters), and reports other nodes to the [`GraphCache`].
-//! Everything above (queues, services, parameters, actions, delivery in memory) is the same for all transports.
+//! A [`Transport`] opens a [`Session`], and another one if a session has to be replaced. A session gives every
+//! publisher a [`WireWriter`], passes received samples to the subscriptions ([`Reader::receive`]), counts the matched
+//! peers of every endpoint in its [`Counters`](super::endpoint::Counters), and reports other nodes to the
+//! [`GraphCache`]. All higher layers (queues, services, parameters, actions, delivery in memory) are independent of the
+//! transport.
 
 mod dds;
 mod error;
@@ -35,49 +36,49 @@ pub use zenoh::{RouterLog, ZenohConfig, ZenohRouter};
 /// Data that a participant shares with its transport.
 #[derive(Clone, Default)]
 pub(super) struct Shared {
-    /// Its nodes and endpoints.
+    /// Nodes and endpoints of the participant.
     pub(super) endpoints: Arc<Mutex<Endpoints>>,
     /// The nodes of other participants, which the transport discovers.
     pub(super) graph: Arc<GraphCache>,
 }
 
-/// Connects a participant with others. It outlives its sessions.
+/// Connects a participant to others. It persists when its session is replaced.
 pub(super) trait Transport: Send + Sync {
-    /// Blocks until endpoints may be created.
+    /// Blocks until new endpoints may be created.
     fn settle(&self);
 
-    /// Opens a session with all endpoints that the participant has. Threads inherit the signal mask of the caller.
+    /// Opens a session with all present endpoints of the participant. Its threads inherit the caller's signal mask.
     fn open(&self, shared: &Shared) -> Result<Box<dyn Session>, TransportError>;
 
-    /// Whether a session must be replaced after its process was stopped for a while, or the wall clock was set back.
+    /// Whether a session must be replaced after the process was suspended or the wall clock was set back.
     fn breaks_when_interrupted(&self) -> bool;
 }
 
-/// A connected participant with the endpoints of its nodes. It leaves the graph when it is dropped.
+/// A connected participant with the endpoints of its nodes. Dropping it removes the participant from the graph.
 pub(super) trait Session: Send {
-    /// Answers questions that must not wait for this session.
+    /// Interface for queries that must not wait for this session.
     fn discovery(&self) -> Arc<dyn Discovery>;
 
     /// Connects a publisher: calls [`Writer::attach`].
     fn add_writer(&mut self, writer: &Arc<Writer>) -> Result<(), TransportError>;
 
-    /// Connects a subscription: from now on it receives.
+    /// Connects a subscription, which receives messages from then on.
     fn add_reader(&mut self, reader: &Arc<Reader>) -> Result<(), TransportError>;
 
-    /// Disconnects a publisher that is no longer among the endpoints. Its wire is for the caller to drop, without
-    /// locks.
+    /// Disconnects a publisher that is no longer among the endpoints. Returns its wire, which the caller drops without
+    /// holding locks.
     fn remove_writer(&mut self, writer: &Writer) -> Option<Arc<dyn WireWriter>>;
 
     /// Disconnects a subscription that is no longer among the endpoints.
     fn remove_reader(&mut self, reader: &Arc<Reader>);
 
-    /// Announces the present nodes, soon.
+    /// Announces the present nodes, after a short delay.
     fn announce(&mut self);
 }
 
-/// The wire of a publisher.
+/// Transport side of a publisher.
 pub(super) trait WireWriter: Send + Sync {
-    /// Identity of its samples.
+    /// GID of the publisher, part of the identity of its samples.
     fn gid(&self) -> Gid;
 
     /// Sends a message to other participants and returns its identity, or `None` if the transport refuses it.
@@ -90,10 +91,12 @@ pub(super) trait WireWriter: Send + Sync {
         related: Option<SampleIdentity>,
     ) -> Option<SampleIdentity>;
 
-    /// Waits until living reliable subscribers have all written samples, at most `timeout`. Whether they have.
+    /// Waits until living reliable subscribers have acknowledged all samples, at most `timeout`. Returns whether they
+    /// have.
     fn wait_for_all_acked(&self, timeout: Duration) -> bool;
 
-    /// How long it stays after its last sample, so that subscribers take that before they forget the writer.
+    /// How long the writer must persist after its last sample, so that subscribers take the sample before the writer
+    /// leaves.
     fn linger(&self) -> Duration {
         Duration::ZERO
     }
@@ -104,7 +107,7 @@ pub(super) trait Discovery: Send + Sync {
     /// The publishers of other participants.
     fn publishers(&self) -> Vec<RemotePublisher>;
 
-    /// Which peer, lost before, makes a new session necessary since it has returned; for the log, once per loss.
+    /// Description of a lost peer whose return requires a new session, for the log; reported once per loss.
     fn take_returned_peer(&self) -> Option<String>;
 }
 
@@ -116,7 +119,7 @@ pub(super) struct RemotePublisher {
     pub(super) dds_type: String,
     /// Offered quality of service.
     pub(super) qos: Qos,
-    /// Hash of its definition of the type, if it states one.
+    /// Type hash that the publisher states, if any.
     pub(super) type_hash: Option<String>,
     pub(super) gid: Gid,
 }

@@ -1,24 +1,24 @@
-//! Sequence numbers of publishers, whose holes are lost messages.
+//! Detection of lost messages by gaps in the sequence numbers of publishers.
 
 use std::collections::HashMap;
 
 use crate::ros::Gid;
 
-/// Most publishers that are remembered; each that starts again is another one.
+/// Largest number of remembered publishers; a publisher that restarts counts as another one.
 const MOST_PUBLISHERS: usize = 4096;
 
-/// The number of the last sample of each publisher that a subscription has received.
+/// Sequence number of the last sample of each publisher that a subscription has received.
 #[derive(Default)]
 pub(super) struct SequenceNumbers {
     last: HashMap<Gid, i64>,
 }
 
 impl SequenceNumbers {
-    /// Number of samples missing between the last one of a publisher and this one. Samples before the first one
-    /// received here were not meant for this subscription.
+    /// Number of samples missing between the previous sample of a publisher and this one. Samples before the first
+    /// received one were not meant for this subscription.
     pub(super) fn missing_before(&mut self, publisher: Gid, number: i64) -> u64 {
         if self.last.len() >= MOST_PUBLISHERS && !self.last.contains_key(&publisher) {
-            // Costs the count of one hole for each publisher.
+            // Costs the count of at most one gap per publisher.
             self.last.clear();
         }
         let before = self.last.entry(publisher).or_insert(number);
@@ -27,7 +27,7 @@ impl SequenceNumbers {
         gap as u64
     }
 
-    /// Whether anything of a publisher has arrived.
+    /// Whether a sample of a publisher has arrived.
     pub(super) fn has_any_of(&self, publisher: Gid) -> bool {
         self.last.contains_key(&publisher)
     }
@@ -37,7 +37,7 @@ impl SequenceNumbers {
 mod tests {
     use super::*;
 
-    // Would break if publishers that have gone stayed forever, or if forgetting them counted holes.
+    // Fails if publishers that have left are remembered forever, or if forgetting them counts as a gap.
     #[test]
     fn publishers_are_not_remembered_without_bound() {
         let mut last = SequenceNumbers::default();
@@ -49,7 +49,7 @@ mod tests {
         assert!(last.last.len() <= MOST_PUBLISHERS);
     }
 
-    // Would break if a late start, a repetition or another publisher's numbers counted as holes.
+    // Fails if a late start, a repetition or the numbers of another publisher count as gaps.
     #[test]
     fn missing_samples_are_counted_for_each_publisher() {
         let gid = |n| Gid::from([n; 16]);

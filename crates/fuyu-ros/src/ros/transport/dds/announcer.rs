@@ -1,4 +1,4 @@
-//! Publishes `ros_discovery_info`: a participant, its nodes, and which endpoints belong to each.
+//! Publisher of `ros_discovery_info`: the nodes of a participant, and the endpoints of each.
 
 use ros2_client::{
     NodeName as WireNodeName,
@@ -20,7 +20,7 @@ pub(super) const TOPIC: (&str, &str) = (
     "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_",
 );
 
-/// The publisher of a participant on `ros_discovery_info`.
+/// Publisher of a participant on `ros_discovery_info`.
 pub(super) struct Announcer {
     writer: DataWriterCdr<ParticipantEntitiesInfo>,
     participant: Gid,
@@ -44,10 +44,10 @@ impl Announcer {
         })
     }
 
-    /// Publishes nodes with their endpoints ([`nodes`]).
+    /// Publishes the nodes with their endpoints (from [`nodes`]).
     pub(super) fn publish(&self, nodes: Vec<NodeEntitiesInfo>) {
         let info = ParticipantEntitiesInfo::new(self.participant, nodes);
-        // A participant whose threads have ended takes nothing more; it is about to be replaced.
+        // An error means that the participant's threads have ended; the participant is about to be replaced.
         if let Err(e) = self.writer.write(info, Some(rustdds::Timestamp::now())) {
             tracing::debug!("ros_discovery_info of {:?}: {e}", self.participant);
         }

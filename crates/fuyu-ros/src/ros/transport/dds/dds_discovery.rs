@@ -1,4 +1,4 @@
-//! The discovered state of a DDS participant, for queries that must not wait for the connection.
+//! Discovered state of a DDS participant, for queries that must not wait for the lock of the connection.
 
 use rustdds::DomainParticipant;
 use std::sync::Arc;
@@ -9,12 +9,12 @@ use crate::ros::{
     transport::{Discovery, RemotePublisher},
 };
 
-/// The discovery of a participant.
+/// Discovered state of a participant.
 pub(super) struct DdsDiscovery {
     participant: DomainParticipant,
-    /// Where further participants are created.
+    /// Domain and static peers of further participants.
     place: (Domain, StaticPeers),
-    /// The peers that the participant has lost.
+    /// Peers that the participant has lost.
     lost_peers: Arc<LostPeers>,
 }
 

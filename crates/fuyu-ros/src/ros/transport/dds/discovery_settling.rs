@@ -1,9 +1,10 @@
-//! Delay of new endpoints while peers that have just been discovered learn the existing ones.
+//! Delays new endpoints while newly discovered peers are learning the existing ones.
 //!
-//! A Fast DDS participant that has just discovered fuyu's participant requests the endpoints that were announced before. If
-//! fuyu announces another endpoint meanwhile, Fast DDS takes it as the first and never reads the earlier announcements: it
-//! orders announcements by source timestamp, and rustdds sends none (docs/upstream.md). So no endpoint is created shortly
-//! after the discovery of such a peer, nor shortly after fuyu has created a participant, which peers are about to discover.
+//! A Fast DDS participant that has just discovered fuyu's participant requests the earlier announcements of endpoints.
+//! If fuyu announces another endpoint in the meantime, Fast DDS takes that as the first announcement and never reads
+//! the earlier ones: it orders announcements by source timestamp, and rustdds sends none (docs/upstream.md). So no
+//! endpoint is created shortly after the discovery of such a peer, nor shortly after fuyu has created a participant,
+//! which peers are about to discover.
 
 use rustdds::GUID;
 use std::{
@@ -16,16 +17,16 @@ use std::{
 /// GUID prefix of a participant.
 type Prefix = [u8; 12];
 
-/// Time that a peer needs to learn the existing endpoints; 60 ms were measured.
+/// Time in which a peer learns the existing endpoints; 60 ms were measured.
 const SETTLING: Duration = Duration::from_millis(150);
-/// How long a new participant waits for peers that an earlier one knew.
+/// How long a new participant waits for the peers that its predecessor knew.
 const REDISCOVERY_OF_PEERS: Duration = Duration::from_secs(1);
-/// Longest delay of an endpoint, however many peers are discovered.
+/// Longest delay of an endpoint, regardless of the number of discovered peers.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// First bytes of a rustdds GUID: its vendor id. rustdds peers lose nothing.
+/// First bytes of a rustdds GUID, its vendor id. rustdds peers are not affected.
 const OUR_KIND: [u8; 2] = [0x01, 0x12];
 
-/// Peers that are not rustdds, and when the last one was discovered.
+/// Peers other than rustdds, with the time of the last discovery.
 #[derive(Debug, Default)]
 pub(super) struct DiscoverySettling {
     inner: Mutex<Inner>,
@@ -33,16 +34,17 @@ pub(super) struct DiscoverySettling {
 
 #[derive(Debug, Default)]
 struct Inner {
-    /// When our participant was created or discovered such a peer, whichever was later.
+    /// Time at which this process created its participant or last discovered such a peer, whichever is later.
     last: Option<Instant>,
     known: HashSet<Prefix>,
-    /// Known to the previous participant of ours, not yet to this one; and until when they are waited for.
+    /// Peers that the previous participant of this process knew and the present one has not discovered yet. They are
+    /// waited for until `missing_until`.
     missing: HashSet<Prefix>,
     missing_until: Option<Instant>,
 }
 
 impl DiscoverySettling {
-    /// Our participant is new: it has to be discovered by all, again.
+    /// Records that this process has a new participant, which all peers have to discover.
     pub(super) fn participant_created(&self) {
         let mut inner = self.lock();
         let now = Instant::now();
@@ -51,7 +53,7 @@ impl DiscoverySettling {
         inner.missing_until = Some(now + REDISCOVERY_OF_PEERS);
     }
 
-    /// A participant with this GUID has been discovered.
+    /// Records the discovery of the participant with this GUID.
     pub(super) fn participant_discovered(&self, participant: &GUID) {
         if let Some(prefix) = prefix_of_other(participant.prefix.as_ref()) {
             let mut inner = self.lock();
@@ -61,7 +63,7 @@ impl DiscoverySettling {
         }
     }
 
-    /// A participant with this GUID prefix has left or was lost.
+    /// Records that the participant with this GUID prefix has left or was lost.
     pub(super) fn participant_lost(&self, prefix: &[u8]) {
         if let Some(prefix) = prefix_of_other(prefix) {
             let mut inner = self.lock();
@@ -70,8 +72,8 @@ impl DiscoverySettling {
         }
     }
 
-    /// Blocks until peers that an earlier participant of ours knew are discovered again, at most [`REDISCOVERY_OF_PEERS`] after the
-    /// new one, and until none has been discovered for [`SETTLING`]; at most [`PATIENCE`].
+    /// Blocks until all peers of the previous participant have been discovered again (at most [`REDISCOVERY_OF_PEERS`]
+    /// after the creation of the new one) and no peer has been discovered for [`SETTLING`]; at most [`PATIENCE`].
     pub(super) fn wait(&self) {
         let patience = Instant::now() + PATIENCE;
         loop {
@@ -83,7 +85,7 @@ impl DiscoverySettling {
             let settled = settled.into_iter().chain(rediscovered).max();
             let left = settled.map(|t| t.min(patience).saturating_duration_since(now));
             match left {
-                // The last missing one may be discovered meanwhile.
+                // The last missing peer may be discovered in the meantime.
                 Some(left) if !left.is_zero() => thread::sleep(left.min(SETTLING)),
                 _ => return,
             }
@@ -95,7 +97,7 @@ impl DiscoverySettling {
     }
 }
 
-/// The GUID prefix, if it is not one of rustdds.
+/// The GUID prefix, unless it belongs to rustdds.
 fn prefix_of_other(prefix: &[u8]) -> Option<Prefix> {
     let prefix = Prefix::try_from(prefix).ok()?;
     (prefix[..2] != OUR_KIND).then_some(prefix)
@@ -125,7 +127,8 @@ mod tests {
         assert!(start.elapsed() >= SETTLING);
     }
 
-    // Fails if a new participant created its endpoints while the peers of the earlier one are learning those that exist.
+    // Fails if a new participant creates its endpoints while the peers of the previous one are learning the existing
+    // endpoints.
     #[test]
     fn a_new_participant_waits_for_the_peers_of_the_earlier_one() {
         let waited = |settling: &DiscoverySettling| {
@@ -142,7 +145,7 @@ mod tests {
         );
         settling.participant_discovered(&guid(OTHER));
         assert!(waited(&settling) >= REDISCOVERY_OF_PEERS);
-        // Not discovered by the second one, so the third one does not wait for it.
+        // The second participant did not discover the peer, so the third does not wait for it.
         assert!(waited(&settling) < REDISCOVERY_OF_PEERS);
         settling.participant_discovered(&guid(OTHER));
         settling.participant_lost(guid(OTHER).prefix.as_ref());

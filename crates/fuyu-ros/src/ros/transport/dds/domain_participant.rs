@@ -6,8 +6,8 @@ use std::net::Ipv4Addr;
 use super::static_peers;
 use crate::ros::{DiscoveryRange, Domain};
 
-/// A participant of `domain` that also announces itself to `peers`. Its threads inherit the signal mask of the
-/// caller. As in ROS, peers are contacted unless the range is [`DiscoveryRange::Off`].
+/// Creates a participant of `domain` that also announces itself to `peers`. Its threads inherit the caller's signal
+/// mask. As in ROS, peers are contacted unless the range is [`DiscoveryRange::Off`].
 pub(super) fn create(domain: Domain, peers: &[Ipv4Addr]) -> Result<DomainParticipant, String> {
     let builder = DomainParticipantBuilder::new(domain.id);
     let builder = match domain.range {
@@ -21,7 +21,7 @@ pub(super) fn create(domain: Domain, peers: &[Ipv4Addr]) -> Result<DomainPartici
             .with_only_networks([] as [Ipv4Addr; 0])
             .same_host_loopback(false),
     };
-    // Bound until the participant exists: peers must not send it multicast.
+    // The multicast ports stay occupied until the participant exists, so that peers do not send it multicast.
     let _ports = match peers {
         [] => Vec::new(),
         _ => static_peers::occupy_multicast_ports(domain.id),

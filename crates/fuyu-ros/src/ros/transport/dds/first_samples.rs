@@ -1,8 +1,9 @@
-//! Requests for samples that new writers sent before they were matched.
+//! Requests for samples that new writers sent before they were matched with the local reader.
 //!
-//! A ROS client or `ros2 topic pub --once` sends as soon as it knows the reader; if the reader does not know the writer yet,
-//! the sample is discarded. rustdds requests the sample when the writer is matched, but Fast DDS ignores this ACKNACK because
-//! its count is 0 (docs/upstream.md), and repeats the sample only with its next heartbeat, after three seconds.
+//! A ROS client or `ros2 topic pub --once` sends as soon as it knows the reader. If the reader does not know the writer
+//! yet, the sample is discarded. rustdds requests the sample when the writer is matched, but Fast DDS ignores this
+//! ACKNACK because its count is 0 (docs/upstream.md), and repeats the sample only after its next heartbeat, three
+//! seconds later.
 
 use rustdds::GUID;
 use std::{
@@ -12,14 +13,14 @@ use std::{
 
 use super::rtps_sender::RtpsSender;
 
-/// When the first sample of a client of a service is requested, after its writer has been matched. Fast DDS does not answer
-/// one of about 25 requests on a busy computer.
+/// Times after the match at which the first sample of a service client is requested. On a busy computer Fast DDS does
+/// not answer about one in 25 requests.
 const CLIENT: [Duration; 3] = [
     Duration::ZERO,
     Duration::from_millis(15),
     Duration::from_millis(50),
 ];
-/// The same for other topics: once, since Fast DDS ignores as many requests of rustdds afterwards.
+/// As [`CLIENT`], for other topics: only once, since Fast DDS afterwards ignores as many requests of rustdds.
 const TOPIC: [Duration; 1] = [Duration::ZERO];
 
 struct NewWriter {
@@ -36,7 +37,7 @@ impl NewWriter {
     }
 }
 
-/// The reliable readers with new writers.
+/// Pending requests of reliable readers to new writers.
 pub(super) struct FirstSamples {
     rtps: Option<Arc<RtpsSender>>,
     writers: Vec<NewWriter>,
@@ -51,7 +52,8 @@ impl FirstSamples {
         }
     }
 
-    /// A reliable reader of this DDS topic has been matched with a writer, which is new or has been there before.
+    /// Schedules the requests after a reliable reader of this DDS topic has been matched with a writer. `is_new` is
+    /// false for a writer that existed before the reader.
     pub(super) fn writer_matched(
         &mut self,
         dds_topic: &str,
@@ -60,8 +62,8 @@ impl FirstSamples {
     ) {
         let requests = match dds_topic.starts_with("rq/") {
             true => &CLIENT[..],
-            // The first sample is gone. The request would only be a reason for Fast DDS to ignore the answer of rustdds to the
-            // next heartbeat, without which nothing is received.
+            // The first sample is not available. A request would only make Fast DDS ignore the answer of rustdds to the
+            // next heartbeat, without which no sample is received.
             false if !is_new => return,
             false => &TOPIC[..],
         };
@@ -82,8 +84,8 @@ impl FirstSamples {
         Some(next.saturating_duration_since(Instant::now()))
     }
 
-    /// Sends the requests that are due to writers without a sample so far. No lock may be held: a participant that has
-    /// deadlocked does not answer.
+    /// Sends the due requests to writers from which no sample has arrived. The caller must not hold a lock, since a
+    /// deadlocked participant does not respond.
     pub(super) fn request(&mut self, has_sample: impl Fn(GUID, GUID) -> bool) {
         let now = Instant::now();
         for new in &mut self.writers {
@@ -112,7 +114,7 @@ mod tests {
         GUID::from_bytes(bytes)
     }
 
-    // Fails if requests go on after a sample has come, or never end.
+    // Fails if requests continue after a sample has arrived, or never end.
     #[test]
     fn requests_end_with_the_first_sample() {
         let mut first = FirstSamples::new(None);

@@ -1,10 +1,11 @@
-//! Peers that were lost without leaving, and that return: the network was interrupted for longer than their lease.
+//! Peers that were lost without leaving and return later, after a network interruption longer than their lease.
 //!
 //! When such a participant is discovered again, rustdds puts its endpoints back into the discovery database, but does
 //! not match them with local readers and writers (docs/upstream.md). The peer, whose lease for this participant may be
-//! longer, does not announce them again. A new participant here is new to the peer as well, and both discover each
-//! other in full. Announcements of Fast DDS keep their sequence number, so rustdds takes those of a peer that returns for
-//! duplicates and does not discover it at all; a scout, a further participant without endpoints, does.
+//! longer, does not announce them again. A new participant here is new to the peer as well, so both discover each other
+//! completely. Announcements of Fast DDS keep their sequence number, so rustdds takes those of a returning peer for
+//! duplicates and does not discover the peer at all. A scout (a further participant without endpoints) does discover
+//! it.
 
 use rustdds::{
     DomainParticipant, GUID, StatusEvented,
@@ -30,18 +31,18 @@ pub(super) struct LostPeers {
 
 #[derive(Default)]
 struct Inner {
-    /// When each was lost, and its nodes.
+    /// Time of the loss of each participant, and its nodes.
     lost: HashMap<Prefix, (Instant, String)>,
-    /// What to log about the first that has returned.
+    /// Log text about the first peer that has returned.
     returned: Option<String>,
-    /// Discovers those that return, from the last loss on.
+    /// Discovers returning peers; created after the last loss.
     scout: Option<DomainParticipant>,
-    /// Whether a peer was lost since the scout was created: the scout may have known it before, and lost it as well.
+    /// Whether a peer was lost after the scout was created: the scout may have known and lost that peer too.
     needs_scout: bool,
 }
 
 impl LostPeers {
-    /// The lease of a participant with these nodes has ended.
+    /// Records the end of the lease of a participant with these nodes.
     pub(super) fn lost(&self, participant: &[u8], nodes: &[String]) {
         let Ok(prefix) = Prefix::try_from(participant) else {
             return;
@@ -51,7 +52,7 @@ impl LostPeers {
             nodes => nodes.join(", "),
         };
         const CAUSE: &str = "nothing has arrived for the time of the lease; the network is interrupted, or the process has died";
-        // A participant without nodes may be known before the nodes that its process announces.
+        // A participant without nodes may be one whose nodes have not been announced yet.
         match nodes {
             [] => tracing::info!("lost {names}: {CAUSE}"),
             _ => tracing::warn!("lost {names}: {CAUSE}"),
@@ -63,7 +64,7 @@ impl LostPeers {
         inner.needs_scout = true;
     }
 
-    /// A participant has been discovered, perhaps again.
+    /// Records the discovery of a participant, which may be a lost one.
     pub(super) fn discovered(&self, participant: &GUID) {
         let Ok(prefix) = Prefix::try_from(participant.prefix.as_ref()) else {
             return;
@@ -76,8 +77,8 @@ impl LostPeers {
         }
     }
 
-    /// Which lost peer has returned first, for the log; once. Creates a scout with `create` when there is something to look
-    /// for.
+    /// Log text about the first lost peer that has returned; reported once. Creates a scout with `create` if one is
+    /// needed.
     pub(super) fn take_returned(
         &self,
         create: impl FnOnce() -> Result<DomainParticipant, String>,
@@ -115,7 +116,7 @@ impl LostPeers {
 mod tests {
     use super::*;
 
-    // Fails if a new peer counted as one that returns, or if one loss were reported twice.
+    // Fails if a new peer counts as returning, or if a loss is reported twice.
     #[test]
     fn only_a_lost_peer_returns_and_once_per_loss() {
         let guid = |n| GUID::from_bytes([n; 16]);

@@ -1,4 +1,4 @@
-//! DDS, by rustdds. Its defects and their workarounds: docs/upstream.md.
+//! DDS transport, based on rustdds. Defects of rustdds and their workarounds: docs/upstream.md.
 
 mod announcer;
 mod dds_discovery;
@@ -28,7 +28,7 @@ use session::DdsSession;
 
 pub(super) use static_peers::StaticPeers;
 
-/// Connects through participants of a DDS domain.
+/// Opens sessions, each with a participant of a DDS domain.
 pub(super) struct DdsTransport {
     domain: Domain,
     static_peers: StaticPeers,

@@ -1,4 +1,4 @@
-//! Which writers of other participants are new, so that a reader may have missed their first sample while it was matched.
+//! Detection of new writers of other participants, whose first sample a local reader may have missed during matching.
 
 use rustdds::GUID;
 use std::{
@@ -6,24 +6,25 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// A participant that is discovered within this time after the start of this one was there before: it answered our first
-/// announcements.
+/// A participant that is discovered within this time after the start of this participant is older: it answered this
+/// one's first announcements.
 const FIRST_ANSWERS: Duration = Duration::from_millis(250);
-/// Writers that are discovered within this time after their participant were there before this one, if their participant was.
+/// Writers of an older participant that are discovered within this time after their participant are older than this
+/// participant.
 const FIRST_WRITERS: Duration = Duration::from_secs(1);
-/// A reader that is matched with a writer at a later time after the writer's discovery is newer than the writer.
+/// If a reader is matched later than this after the discovery of the writer, the reader is newer than the writer.
 const MATCHING: Duration = Duration::from_millis(250);
 
-/// When the writers of other participants were discovered.
+/// Discovery times of the writers of other participants.
 pub(super) struct NewWriters {
     started: Instant,
-    /// Participants that were there before this one, by GUID prefix.
+    /// Discovery times of participants older than this one, by GUID prefix.
     older: HashMap<[u8; 12], Instant>,
     writers: HashMap<GUID, Instant>,
 }
 
 impl NewWriters {
-    /// This participant starts now.
+    /// For a participant that starts at `now`.
     pub(super) fn new(now: Instant) -> Self {
         Self {
             started: now,
@@ -38,22 +39,22 @@ impl NewWriters {
         }
     }
 
-    /// May be reported several times.
+    /// Records the discovery of a writer; repeated reports have no effect.
     pub(super) fn writer_discovered(&mut self, writer: GUID, now: Instant) {
         self.writers.entry(writer).or_insert(now);
     }
 
-    /// Forgets writers that have ended.
+    /// Removes writers that have ended.
     pub(super) fn writers_lost(&mut self, is_lost: impl Fn(&GUID) -> bool) {
         self.writers.retain(|writer, _| !is_lost(writer));
     }
 
-    /// Forgets a participant that has ended.
+    /// Removes a participant that has ended.
     pub(super) fn participant_lost(&mut self, participant: [u8; 12]) {
         self.older.remove(&participant);
     }
 
-    /// Whether a writer, which a reader is matched with now, has just been created.
+    /// Whether a writer with which a reader is matched now has just been created.
     pub(super) fn is_new(&self, writer: GUID, now: Instant) -> bool {
         let discovered = *self.writers.get(&writer).unwrap_or(&now);
         let was_there = self.older.get(&prefix(writer));
@@ -76,8 +77,7 @@ mod tests {
         GUID::from_bytes(bytes)
     }
 
-    // Fails if all writers of a participant that was there before this one count as old, or if those that it had then count as
-    // new.
+    // Fails if all writers of an older participant count as old, or if its earlier writers count as new.
     #[test]
     fn a_writer_is_new_if_it_is_matched_when_it_is_discovered_and_was_not_there_before() {
         let start = Instant::now();
@@ -91,16 +91,16 @@ mod tests {
             (writer(2, 1), 3100),
         ] {
             all.writer_discovered(guid, at(discovered));
-            // A second report changes nothing.
+            // A repeated report has no effect.
             all.writer_discovered(guid, at(discovered + 1000));
         }
-        // There before; and matched at once.
+        // An older writer; then writers that are matched at once.
         assert!(!all.is_new(writer(1, 1), at(301)));
         assert!(all.is_new(writer(1, 2), at(5001)));
         assert!(all.is_new(writer(2, 1), at(3101)));
-        // A reader that came later.
+        // A reader that was created later.
         assert!(!all.is_new(writer(1, 2), at(5500)));
-        // Not discovered yet.
+        // A writer that has not been discovered yet.
         assert!(all.is_new(writer(2, 2), at(6000)));
         all.participant_lost([1; 12]);
         all.writers_lost(|_| true);

@@ -1,9 +1,10 @@
 //! Watchdog for the creation of DDS entities: detects a participant that has deadlocked.
 //!
-//! While rustdds announces an endpoint it holds a read lock on its discovery database and waits for room in a queue of 32.
-//! The thread that empties the queue also reads the database, and queues behind the writer that creates the next endpoint
-//! (docs/upstream.md). With many peers and little processor time these three threads deadlock, and the participant neither
-//! sends nor receives from then on. It cannot be recovered, so it is abandoned.
+//! While rustdds announces an endpoint, it holds a read lock on its discovery database and waits for room in a queue of
+//! 32 entries. The thread that empties the queue also reads the database, but its read lock waits behind the thread
+//! that requests the write lock to create the next endpoint (docs/upstream.md). With many peers and little processor
+//! time these three threads deadlock, and the participant no longer sends or receives. It cannot be recovered, so it is
+//! abandoned.
 
 use nix::errno::Errno;
 use rustdds::{DomainParticipant, dds::CreateError};
@@ -14,7 +15,7 @@ use crate::ros::{
     transport::{AbandonedSession, TransportError},
 };
 
-/// A creation that takes longer than this counts as a deadlock; usually it takes some microseconds.
+/// If the creation takes longer, the participant counts as deadlocked. Usually it takes some microseconds.
 const TIMEOUT: Duration = Duration::from_secs(5);
 
 impl From<CreateError> for TransportError {
@@ -26,14 +27,14 @@ impl From<CreateError> for TransportError {
     }
 }
 
-/// Whether the process, or the computer, has no file descriptors left.
+/// Whether the error says that the process, or the computer, has no file descriptors left.
 fn is_exhausted(e: &std::io::Error) -> bool {
     let limits = [Errno::EMFILE, Errno::ENFILE];
     e.raw_os_error()
         .is_some_and(|code| limits.contains(&Errno::from_raw(code)))
 }
 
-/// Runs `make` on a participant, with a limit on its duration.
+/// Runs `make` on a participant, with a time limit.
 pub(super) fn create<T: Send + 'static>(
     participant: &DomainParticipant,
     make: impl FnOnce(&DomainParticipant) -> Result<T, CreateError> + Send + 'static,
@@ -41,7 +42,7 @@ pub(super) fn create<T: Send + 'static>(
     let participant = participant.clone();
     run_with_timeout(TIMEOUT, move || {
         let made = make(&participant);
-        // The caller still has a handle, so this drop does not end the participant, unless the caller has given up.
+        // This drop does not end the participant, since the caller still has a handle, unless the caller has given up.
         drop(participant);
         made
     })?

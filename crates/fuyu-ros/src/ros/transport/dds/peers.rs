@@ -1,4 +1,4 @@
-//! The endpoints of other participants, and the local endpoints that they are matched with.
+//! Matches of local endpoints with endpoints of other participants, and their processing.
 
 use rustdds::{
     DomainParticipant, DomainParticipantStatusListener, GUID, QosPolicies, RTPSEntity,
@@ -29,16 +29,16 @@ use crate::ros::{
     transport::RemotePublisher,
 };
 
-/// The endpoints of other participants.
+/// Matches of local endpoints with endpoints of other participants.
 pub(super) struct Peers {
     pub(super) first_samples: FirstSamples,
-    /// By endpoint of this participant.
+    /// Matches by local endpoint.
     matches: HashMap<Gid, Matches>,
     type_hashes: TypeHashCheck,
     new_writers: NewWriters,
 }
 
-/// Matched peers of an endpoint of this participant.
+/// Remote endpoints that a local endpoint is matched with.
 struct Matches {
     local: GUID,
     remotes: HashMap<Gid, Remote>,

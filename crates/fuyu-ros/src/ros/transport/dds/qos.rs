@@ -1,4 +1,4 @@
-//! Quality of service as DDS policies.
+//! Conversion of quality of service to and from DDS policies.
 
 use rustdds::{
     QosPolicies, QosPolicyBuilder,
@@ -11,12 +11,12 @@ use crate::ros::{
     qos::{Durability, History, KEPT, Liveliness, Reliability},
 };
 
-/// Longest time that one `write` may hold up a node's sending thread. A full window means that some
-/// subscriber is dead or drowned; the other topics of the node must not wait for it.
+/// Longest time that one `write` may block a node's sending thread. A full send window means that a subscriber is dead
+/// or overloaded; the node's other topics must not wait for it.
 const MAX_BLOCKING: Duration = Duration::from_millis(5);
 
-/// For a subscription. Messages of a `bulky` type would fill the memory long before they are many;
-/// of them only the 64 of rustdds are kept.
+/// DDS policies of a subscription. Of messages with a `bulky` type only 64 are kept (the default of rustdds), since
+/// more could exhaust the memory.
 pub(super) fn for_reader(qos: &Qos, bulky: bool) -> QosPolicies {
     let mut limits = QosPolicyBuilder::new();
     if qos.is_reliable() && !bulky {
@@ -69,7 +69,7 @@ fn dds_duration(d: Option<Duration>) -> rustdds::Duration {
 }
 
 impl From<&QosPolicies> for Qos {
-    /// What a peer offers. DDS does not tell a peer's history; it reads as keep-last 10.
+    /// Converts the QoS that a peer states. DDS does not transmit the history, so the result has keep-last 10.
     fn from(q: &QosPolicies) -> Self {
         let (liveliness, lease) = match q.liveliness() {
             Some(policy::Liveliness::ManualByTopic { lease_duration }) => {
@@ -104,7 +104,7 @@ impl From<&QosPolicies> for Qos {
 mod tests {
     use super::*;
 
-    // What peers are matched by must survive the way to DDS and back.
+    // Fails if a policy that determines matching is changed by the conversion to DDS and back.
     #[test]
     fn profiles_survive_dds() {
         for q in [

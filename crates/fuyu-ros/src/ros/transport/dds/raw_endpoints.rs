@@ -114,7 +114,7 @@ impl From<DeserializedCacheChange<Bytes>> for RawSample {
     }
 }
 
-/// The nearest RTPS timestamp, 32.32 fixed point seconds.
+/// Converts to the nearest RTPS timestamp: seconds as a 32.32 fixed-point number.
 pub(super) fn to_timestamp(time: Time) -> rustdds::Timestamp {
     let nanos = time.as_nanos().max(0) as u64;
     let (seconds, rest) = (nanos / 1_000_000_000, nanos % 1_000_000_000);
@@ -122,7 +122,7 @@ pub(super) fn to_timestamp(time: Time) -> rustdds::Timestamp {
     rustdds::Timestamp::from_ticks((seconds << 32) + fraction)
 }
 
-/// RTPS timestamps are 32.32 fixed point seconds; all ones mean "none".
+/// Converts an RTPS timestamp, seconds as a 32.32 fixed-point number; all ones mean "no time".
 fn to_time(t: rustdds::Timestamp) -> Option<Time> {
     if t == rustdds::Timestamp::INVALID || t == rustdds::Timestamp::INFINITE {
         return None;
@@ -138,7 +138,7 @@ fn to_time(t: rustdds::Timestamp) -> Option<Time> {
 mod tests {
     use super::*;
 
-    // Fails if a request without a number took one, or if times drifted on their way.
+    // Fails if a request without a number is given one, or if times change.
     #[test]
     fn numbers_and_times_survive_rtps() {
         let unknown = i64::from(SequenceNumber::UNKNOWN);

@@ -1,4 +1,4 @@
-//! The thread of a participant that receives from DDS: waits for all its readers at once.
+//! Receiving thread of a DDS participant, which waits for all its readers at once.
 
 use rustdds::{
     DomainParticipant, GUID, QosPolicies, RTPSEntity, TopicKind,
@@ -40,29 +40,29 @@ const STATUS: Token = Token(1);
 const ANNOUNCEMENTS: Token = Token(2);
 const FIRST_READER: usize = 3;
 
-/// Delay of an announcement after a change, so that a node that creates many endpoints is announced a few times only.
+/// Delay of the announcement after a change, so that the many endpoints of a new node are announced together.
 const ANNOUNCEMENT_DELAY: Duration = Duration::from_millis(20);
 
-/// Participants whose announcements may wait.
+/// Largest number of participants with unprocessed announcements.
 const ANNOUNCEMENTS_DEPTH: usize = 100;
 
 /// A request to the receiving thread.
 pub(super) enum Request {
-    /// Receive for a subscription, beginning with these samples.
+    /// Receive for a subscription; these earlier samples come first.
     Add(Box<RawReader>, Arc<Reader>, VecDeque<RawSample>),
-    /// Receive for a subscription from the DDS reader that it shares with others.
+    /// Receive for a subscription from a shared DDS reader.
     Join(Gid, Arc<Reader>),
-    /// Receive for it no longer.
+    /// Stop receiving for a subscription.
     Remove(Arc<Reader>),
-    /// Update a DDS writer that more publishers use from now on.
+    /// Update a DDS writer after a publisher has joined it.
     Update(Gid),
-    /// The DDS writer with this GID exists no longer.
+    /// The DDS writer with this GID no longer exists.
     ForgetWriter(Gid),
-    /// Nodes or endpoints have changed.
+    /// Announce the nodes and endpoints, which have changed.
     Announce,
 }
 
-/// The reader of `ros_discovery_info`.
+/// Creates the reader of `ros_discovery_info`.
 pub(super) fn subscribe_to_announcements(
     participant: &DomainParticipant,
     subscriber: &rustdds::Subscriber,
@@ -107,7 +107,7 @@ impl Receiver {
         let registry = self.poll.registry();
         registry.register(&mut status, STATUS, Interest::READABLE)?;
         registry.register(&mut *self.announcements, ANNOUNCEMENTS, Interest::READABLE)?;
-        // Those that arrived before the registration.
+        // Announcements from before the registration.
         self.take_announcements();
         let mut announce_at: Option<Instant> = None;
         let mut events = PollEvents::with_capacity(64);
@@ -118,7 +118,8 @@ impl Receiver {
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
                 outcome => outcome?,
             }
-            // First, so that a subscription is known before anything that its participant sends afterwards.
+            // Status events come first, so that a subscription is known before the messages that its participant sends
+            // afterwards.
             let others = (&*self.graph, &*self.settling, &*self.lost_peers);
             report_status(&status, &self.endpoints, &mut peers, others);
             for event in &events {
@@ -163,7 +164,7 @@ impl Receiver {
         Ok(())
     }
 
-    /// Updates one of this participant's DDS endpoints, whose peers may have been matched before it was known here.
+    /// Updates one of this participant's DDS endpoints, which may have been matched before this thread knew it.
     fn update(&self, peers: &mut Peers, local: Gid) {
         let endpoints = self.endpoints.lock();
         peers.update(&endpoints.unwrap_or_else(PoisonError::into_inner), local);
@@ -171,7 +172,7 @@ impl Receiver {
 
     fn take_announcements(&self) {
         self.announcements.drain_read_notifications();
-        // A sample that cannot be taken is skipped.
+        // A sample that cannot be read is skipped.
         while let Some(change) = self.announcements.try_take_one().transpose() {
             if let Ok(change) = change {
                 let sample = RawSample::from(change);
@@ -181,23 +182,23 @@ impl Receiver {
     }
 }
 
-/// The DDS readers of a participant by token. Tokens are never used twice.
+/// DDS readers of a participant by token. Tokens are not reused.
 struct Readers {
-    /// The participant, whose own samples do not count: they have been delivered in memory.
+    /// GUID of this participant. Its own samples are ignored, since they have been delivered in memory.
     own: GUID,
     graph: Arc<GraphCache>,
     states: HashMap<usize, ReaderState>,
     next: usize,
 }
 
-/// A DDS reader on the receiving thread.
+/// A DDS reader with its subscriptions.
 struct ReaderState {
     dds: Box<RawReader>,
-    /// The subscriptions that it serves.
+    /// The subscriptions that the DDS reader serves.
     readers: Vec<Arc<Reader>>,
-    /// The last sample of each publisher.
+    /// Sequence number of the last sample of each publisher.
     last: SequenceNumbers,
-    /// Samples for a late transient-local subscription: the last of each publisher, oldest first.
+    /// Last samples of each publisher, oldest first, for late transient-local subscriptions.
     kept: HashMap<Gid, VecDeque<RawSample>>,
 }
 
@@ -243,7 +244,7 @@ impl Readers {
         }
     }
 
-    /// A late subscription gets nothing from a publisher that has left.
+    /// Removes the retained samples of publishers that have left; late subscriptions do not receive them.
     fn forget_lost_publishers(&mut self, peers: &Peers) {
         for state in self.states.values_mut() {
             let gid = state.gid();
@@ -251,7 +252,7 @@ impl Readers {
         }
     }
 
-    /// Ends receiving for a subscription. Returns the GID of the DDS reader if no other one uses it.
+    /// Stops receiving for a subscription. Returns the GID of its DDS reader if no other subscription uses it.
     fn remove(&mut self, reader: &Arc<Reader>) -> Option<Gid> {
         let serves = |state: &ReaderState| state.readers.iter().any(|r| Arc::ptr_eq(r, reader));
         let (&token, state) = self.states.iter_mut().find(|(_, state)| serves(state))?;
@@ -262,7 +263,7 @@ impl Readers {
         self.states.remove(&token).map(|state| state.gid())
     }
 
-    /// Whether the DDS reader with this GUID has received something of a writer.
+    /// Whether the DDS reader with this GUID has received a sample of a writer.
     fn has_sample(&self, reader: GUID, writer: GUID) -> bool {
         let mut states = self.states.values();
         let state = states.find(|state| state.dds.guid() == reader);
@@ -287,7 +288,7 @@ impl ReaderState {
             match self.dds.try_take_one() {
                 Ok(None) => return,
                 Ok(Some(change)) => self.receive(change.into(), own, graph),
-                // The reader has skipped the sample that it could not take.
+                // The DDS reader has skipped an invalid sample.
                 Err(e) => {
                     for reader in &self.readers {
                         reader.counters.failed.fetch_add(1, Relaxed);

@@ -1,4 +1,4 @@
-//! `ros_discovery_info` of other participants: their nodes, and which publisher belongs to which.
+//! Received `ros_discovery_info`: the nodes of other participants, and the publishers of each.
 
 use rustdds::GUID;
 use serde::Deserialize;
@@ -12,7 +12,7 @@ use crate::{
     },
 };
 
-/// `rmw_dds_common/ParticipantEntitiesInfo`.
+/// The message `rmw_dds_common/ParticipantEntitiesInfo`.
 #[derive(Deserialize)]
 struct ParticipantEntities {
     #[expect(
@@ -33,13 +33,13 @@ struct NodeEntities {
 }
 
 impl NodeEntities {
-    /// Full name; names of other nodes have not been checked by `NodeName::new`.
+    /// Full name of the node. Names from other participants are not validated.
     fn full_name(&self) -> String {
         format!("{}/{}", self.namespace.trim_end_matches('/'), self.name)
     }
 }
 
-/// GUID prefix that all endpoints of a participant share.
+/// GUID prefix: common to all endpoints of a participant.
 type Prefix = [u8; 12];
 
 fn prefix(gid: Gid) -> Prefix {
@@ -47,28 +47,28 @@ fn prefix(gid: Gid) -> Prefix {
     std::array::from_fn(|i| bytes[i])
 }
 
-/// Clears the cache for a new participant with this GUID, which will receive all messages again.
+/// Clears the graph cache for a new participant with this GUID, which will receive all announcements again.
 pub(super) fn reset(graph: &GraphCache, participant: GUID) {
     graph.reset(&prefix(participant.into()));
 }
 
-/// Stores the nodes announced by the participant of `publisher`, and warns of those that have the name of a node of
-/// this participant.
+/// Stores the nodes announced by the participant of `publisher`, and warns if one has the name of a node of this
+/// participant.
 pub(super) fn receive(graph: &GraphCache, publisher: Gid, cdr: &[u8]) {
-    // What is not valid is no announcement.
+    // Invalid bytes are ignored.
     for node in update(graph, publisher, cdr).unwrap_or_default() {
         warn_of_namesake(&node);
     }
 }
 
-/// Returns the names of nodes that have newly been found to be names of this participant's nodes too.
+/// Returns names that are newly found to be the names of nodes of this participant as well.
 fn update(graph: &GraphCache, publisher: Gid, cdr: &[u8]) -> Result<Vec<String>, CdrError> {
     let ParticipantEntities { nodes, .. } = cdr::decode_as(cdr, TOPIC.1)?;
     let participant = prefix(publisher);
     let nodes = nodes.into_iter().map(|node| {
         let name = node.full_name();
         let writers = node.writers.into_iter();
-        // A participant reports its own endpoints only.
+        // A participant may announce only its own endpoints.
         (
             name,
             writers.filter(|gid| prefix(*gid) == participant).collect(),
@@ -95,14 +95,14 @@ mod tests {
         entities_info::{NodeEntitiesInfo, ParticipantEntitiesInfo},
     };
 
-    /// Endpoint `entity` of participant `participant`.
+    /// GID of endpoint `entity` of participant `participant`.
     fn gid(participant: u8, entity: u8) -> Gid {
         let mut bytes = [participant; 16];
         bytes[12..].fill(entity);
         bytes.into()
     }
 
-    /// The announcement of a participant: namespace, name and publishers of each node.
+    /// Serialized announcement of a participant: namespace, name and publishers of each node.
     fn announced(nodes: &[(&str, &str, &[Gid])]) -> Vec<u8> {
         let nodes = nodes.iter().map(|(namespace, name, writers)| {
             let mut node = NodeEntitiesInfo::new(WireNodeName::new(namespace, name).unwrap());
@@ -121,7 +121,7 @@ mod tests {
         graph
     }
 
-    // Would break if a publisher kept a node that is gone, or could be claimed by somebody else.
+    // Fails if a publisher keeps a node that no longer exists, or if another participant can claim it.
     #[test]
     fn publishers_belong_to_the_nodes_that_tell_of_them() {
         let all = graph();
@@ -150,7 +150,7 @@ mod tests {
         assert!(all.nodes_of(&[3; 12]).is_empty());
     }
 
-    // Would break if a node took itself for another, or warned with every message.
+    // Fails if a node counts as its own namesake, or if every announcement causes a warning.
     #[test]
     fn a_namesake_is_new_once() {
         let all = graph();

@@ -1,6 +1,6 @@
-//! RTPS messages that rustdds does not send, or sends in a form that no peer can read (docs/upstream.md).
+//! Sender of RTPS messages that rustdds does not send, or sends in a form that no peer can read (docs/upstream.md).
 //!
-//! The messages carry GUIDs of the participant's own endpoints, so a peer handles them like messages of rustdds.
+//! The messages carry GUIDs of the participant's own endpoints, so peers treat them as messages of rustdds.
 
 use rustdds::{
     DomainParticipant, GUID, RTPSEntity, SequenceNumber, Timestamp, rpc::SampleIdentity,
@@ -14,48 +14,51 @@ use std::{
 
 use crate::ros::{DiscoveryRange, Gid};
 
-/// Protocol, version 2.3, and the vendor id of rustdds.
+/// RTPS header: protocol version 2.3 and the vendor id of rustdds.
 const HEADER: [u8; 8] = *b"RTPS\x02\x03\x01\x12";
 /// Vendor id of Fast DDS: the first bytes of its GUIDs.
 const FAST_DDS: [u8; 2] = [0x01, 0x0f];
 
-/// Submessages, all little endian.
+/// Submessage ids and flags; all submessages are little endian.
 const INFO_DESTINATION: [u8; 2] = [0x0e, 0x01];
 const INFO_TIMESTAMP: [u8; 2] = [0x09, 0x01];
-/// With the final flag: no heartbeat is requested.
+/// Final flag set: no heartbeat is requested.
 const ACKNACK: [u8; 2] = [0x06, 0x03];
-/// With inline QoS.
+/// Flag set: inline QoS is present.
 const DATA_FRAG: [u8; 2] = [0x16, 0x03];
 
-/// Parameters of inline QoS. Peers disagree on the id of the first one, so it is sent twice, as rustdds does.
+/// Parameter ids of inline QoS. Implementations disagree on the first id, so the parameter is sent with both, as
+/// rustdds does.
 const RELATED_SAMPLE_IDENTITY: [u16; 2] = [0x0083, 0x800f];
 const END_OF_PARAMETERS: u16 = 0x0001;
 
-/// Bytes of a datagram of rustdds that are not payload.
+/// Size of a rustdds datagram without payload \[bytes\].
 const AROUND_PAYLOAD: usize = 80;
-/// Largest datagram of rustdds over loopback \[bytes\].
+/// Largest rustdds datagram over loopback \[bytes\].
 const LOOPBACK: usize = 65_488;
-/// Headers of a datagram that rustdds subtracts from the MTU of an interface, and the MTU that it assumes for peers behind
-/// a router \[bytes\].
+/// Size of the headers that rustdds subtracts from the MTU of an interface, and the MTU that it assumes for peers
+/// behind a router \[bytes\].
 const DATAGRAM_HEADERS: usize = 48;
 const ETHERNET: usize = 1_500;
 
-/// Bytes of a sample in one datagram to another computer; with all headers it fits into an Ethernet frame.
+/// Size of the part of a sample in one datagram to another computer \[bytes\]; with all headers it fits into an
+/// Ethernet frame.
 const FRAGMENT: u16 = 1024;
-/// Bytes of a sample in one datagram within this computer. The receive buffer of a socket counts the memory of each datagram,
-/// twice its length for the short ones to other computers.
+/// As [`FRAGMENT`], within this computer. Larger, because the receive buffer of a socket counts the allocated memory of
+/// each datagram, which for short datagrams is twice their length.
 const FRAGMENT_WITHIN_COMPUTER: u16 = 16 * 1024;
 
-/// Payload that is sent without a pause \[bytes\]: the receive buffer of a peer has 200 kB by default.
+/// Number of bytes that are sent without a pause: the receive buffer of a peer has 200 kB by default.
 const BURST: usize = 64 * 1024;
-/// Pause after it: on a busy computer a peer waits for several time slices of others before it empties the buffer.
+/// Pause after a burst: on a busy computer, several time slices of other processes pass before a peer empties its
+/// buffer.
 const PAUSE: Duration = Duration::from_millis(10);
-/// How often a reply of several bursts is sent: a fragment that is lost once is not requested by anybody, and a peer ignores
-/// those that it has.
+/// Number of times that a reply of several bursts is sent. Nothing requests a lost fragment, and a peer ignores
+/// fragments that it already has.
 const ROUNDS: usize = 2;
 
-/// The smallest MTU of this computer's interfaces, at most that of Ethernet \[bytes\]. Tunnels and networks of clouds have
-/// smaller ones than Ethernet.
+/// Smallest MTU of this computer's interfaces, at most that of Ethernet \[bytes\]. Tunnels and cloud networks have
+/// smaller MTUs than Ethernet.
 fn smallest_mtu() -> usize {
     let interfaces = std::fs::read_dir("/sys/class/net").into_iter().flatten();
     let texts = interfaces.filter_map(|i| std::fs::read_to_string(i.ok()?.path().join("mtu")).ok());
@@ -63,29 +66,29 @@ fn smallest_mtu() -> usize {
     mtus.fold(ETHERNET, usize::min)
 }
 
-/// Acknowledgement of a reader.
+/// Content of an acknowledgement (ACKNACK) of a reader.
 #[derive(Clone, Copy)]
 enum Acknowledged {
-    /// Nothing, and it requests the first sample.
+    /// No sample has been received, and the first one is requested.
     FirstMissing,
-    /// All samples up to this number; it requests none.
+    /// All samples up to this number have been received, and none is requested.
     UpTo(i64),
 }
 
-/// Sends RTPS messages to peers of a participant, and to itself, from a separate socket.
+/// Sends RTPS messages to peers of a participant, and to the participant itself, from a socket of its own.
 pub(super) struct RtpsSender {
     participant: DomainParticipant,
     socket: UdpSocket,
-    /// Largest datagram of rustdds to a peer that also listens elsewhere than on loopback \[bytes\].
+    /// Largest rustdds datagram to a peer that does not listen on loopback only \[bytes\].
     elsewhere: usize,
 }
 
 impl RtpsSender {
-    /// For `participant`, whose discovery has this range: with [`DiscoveryRange::Localhost`] nothing leaves the
-    /// computer, unless it `has_peers` elsewhere.
+    /// Creates the sender of `participant`, whose discovery has this range: with [`DiscoveryRange::Localhost`] no
+    /// message leaves the computer, unless the participant `has_peers` elsewhere.
     ///
     /// # Errors
-    /// If there is no socket.
+    /// If the socket cannot be created.
     pub(super) fn new(
         participant: DomainParticipant,
         range: DiscoveryRange,
@@ -105,14 +108,14 @@ impl RtpsSender {
         })
     }
 
-    /// Whether a writer ignores the request that rustdds sends when it is matched: one of Fast DDS.
+    /// Whether a writer ignores the request that rustdds sends after a match, as Fast DDS does.
     pub(super) fn must_request_from(writer: GUID) -> bool {
         writer.prefix.as_ref()[..2] == FAST_DDS
     }
 
-    /// Requests the first sample of `writer`, which `reader` has been matched with. `count` is the number of this request,
-    /// from 1: rustdds counts from 0, and Fast DDS accepts a request only if its count is larger than that of the last one,
-    /// which is 0 at first.
+    /// Requests the first sample of `writer`, with which `reader` has been matched. `count` is the number of this
+    /// request, from 1. Fast DDS accepts a request only if its count is larger than the previous one, initially 0, but
+    /// rustdds counts from 0.
     pub(super) fn request_first_sample(&self, reader: GUID, writer: GUID, count: u32) {
         let writers = self.participant.discovered_writers();
         let found = writers
@@ -127,14 +130,16 @@ impl RtpsSender {
         }
     }
 
-    /// Acknowledges to `writer` of this participant, for `readers` of the same participant, all samples up to `number`.
+    /// Acknowledges all samples up to `number` to the participant's own `writer`, on behalf of the participant's own
+    /// `readers`.
     ///
-    /// On loopback they never get its samples from rustdds, which waits for them nevertheless (docs/upstream.md).
+    /// On loopback rustdds does not deliver the samples to these readers, but waits for their acknowledgements
+    /// (docs/upstream.md).
     pub(super) fn acknowledge_own(&self, writer: GUID, readers: Vec<Gid>, number: i64) {
         let Some(port) = self.own_port() else { return };
         let to = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
         for reader in readers {
-            // rustdds ignores an acknowledgement with the count of the last one.
+            // rustdds ignores an acknowledgement with the same count as the previous one.
             let count = number as u32;
             let acknowledged = Acknowledged::UpTo(number);
             self.send(
@@ -152,8 +157,9 @@ impl RtpsSender {
         u16::try_from(port).ok()
     }
 
-    /// Whether rustdds cannot send a reply of this length \[bytes\] to all readers of a topic: it spoils the inline QoS,
-    /// which names the request, of samples that need more than one datagram. It sends the same datagrams to all readers.
+    /// Whether rustdds cannot send a reply of this length \[bytes\] to all readers of a topic. rustdds damages the
+    /// inline QoS, which contains the identity of the request, of samples that need more than one datagram. It sends
+    /// the same datagrams to all readers.
     pub(super) fn must_send(&self, dds_topic: &str, length: usize) -> bool {
         if length + AROUND_PAYLOAD <= self.elsewhere {
             return false;
@@ -163,15 +169,15 @@ impl RtpsSender {
             .iter()
             .filter(|reader| reader.subscription_topic_data.topic_name() == dds_topic)
             .flat_map(|reader| &reader.reader_proxy.unicast_locator_list)
-            // rustdds does not use shared memory.
+            // rustdds does not support shared memory.
             .filter(|locator| locator.is_udp())
             .peekable();
         let is_near = locators.peek().is_some() && locators.all(|locator| locator.is_loopback());
         !is_near || length > LOOPBACK - AROUND_PAYLOAD
     }
 
-    /// Sends a reply, a sample of `writer`, in fragments to the readers of the topic in the participant of the client,
-    /// with the identity of the request.
+    /// Sends a reply (a sample of `writer`, with the identity of the request) in fragments to the topic's readers in
+    /// the client's participant.
     pub(super) fn send_reply(
         &self,
         (writer, number): (GUID, SequenceNumber),
@@ -191,7 +197,8 @@ impl RtpsSender {
                 .filter(|locator| locator.is_udp())
                 .map(|locator| SocketAddr::from(*locator))
                 .collect();
-            // One address of this computer suffices. Another computer may have one of the same number, for containers.
+            // One address suffices for a reader on this computer. All are checked, since another computer may have one
+            // of this computer's addresses too, such as that of a container network.
             if let Some(near) = addresses.iter().find(|a| a.ip().is_loopback()) {
                 addresses = vec![*near];
             } else if addresses.iter().all(|&a| is_of_this_computer(a)) {
@@ -203,7 +210,7 @@ impl RtpsSender {
         }
     }
 
-    /// Sends a sample in fragments to one address of a reader, without filling the receive buffer there.
+    /// Sends a sample in fragments to one address of a reader, without overflowing its receive buffer.
     fn send_fragments(
         &self,
         endpoints_and_number: (GUID, GUID, SequenceNumber),
@@ -236,13 +243,14 @@ impl RtpsSender {
     }
 
     fn send(&self, message: &[u8], to: SocketAddr) {
-        // Like any datagram it may be lost; one to another computer is refused if discovery is limited to this one.
+        // Any datagram may be lost. The system refuses datagrams to other computers if discovery is limited to this
+        // one.
         if let Err(e) = self.socket.send_to(message, to) {
             tracing::debug!("no RTPS message to {to}: {e}");
         }
     }
 
-    /// Header of a message to the participant of `peer`.
+    /// Header of a message, addressed to the participant of `peer`.
     fn message(&self, peer: GUID) -> Vec<u8> {
         let mut message = HEADER.to_vec();
         message.extend(self.participant.guid().prefix.as_ref());
@@ -260,7 +268,7 @@ impl RtpsSender {
         let mut body = Vec::new();
         body.extend(entity(reader));
         body.extend(entity(writer));
-        // The set of missing samples: its lowest number, the number of bits, and the bits.
+        // Set of missing samples: lowest number, number of bits, bits.
         match acknowledged {
             Acknowledged::FirstMissing => {
                 body.extend(number_bytes(1));
@@ -286,7 +294,7 @@ impl RtpsSender {
         (index, length, fragment, sample_size): (usize, u16, &[u8], usize),
     ) -> Vec<u8> {
         let mut body = Vec::with_capacity(96 + fragment.len());
-        // Extra flags, and the offset of the inline QoS.
+        // Extra flags, and the offset to the inline QoS.
         body.extend([0, 0, 28, 0]);
         body.extend(entity(reader));
         body.extend(entity(writer));
@@ -314,7 +322,7 @@ impl RtpsSender {
     }
 }
 
-/// Whether datagrams to `address` stay within this computer: their source is then the same address.
+/// Whether datagrams to `address` stay within this computer: the system then chooses the same address as their source.
 fn is_of_this_computer(address: SocketAddr) -> bool {
     let source = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).and_then(|socket| {
         socket.connect(address)?;
@@ -335,7 +343,7 @@ fn entity(endpoint: GUID) -> [u8; 4] {
     [bytes[12], bytes[13], bytes[14], bytes[15]]
 }
 
-/// A sequence number: its upper half first.
+/// Bytes of a sequence number, upper half first.
 fn number_bytes(number: i64) -> [u8; 8] {
     let (high, low) = ((number >> 32) as i32, number as u32);
     let mut bytes = [0; 8];

@@ -1,5 +1,5 @@
-//! A connected DDS participant with the endpoints of its nodes. It can be replaced while the handles of the programs stay
-//! valid.
+//! A connected DDS participant with the endpoints of its nodes. A session can be replaced while the handles of the
+//! endpoints stay valid.
 
 use rustdds::{
     DomainParticipant, GUID, QosPolicies, RTPSEntity, Topic, TopicKind,
@@ -40,8 +40,8 @@ use crate::ros::{
     transport::{Discovery, Session, Shared, TransportError, WireWriter},
 };
 
-/// How long a new participant waits for the writers that an earlier one knew: those of a peer that is still there are known
-/// again after up to a second.
+/// How long a new participant waits for the writers that its predecessor knew. The writers of a living peer are
+/// discovered again within about a second.
 const REDISCOVERY_OF_WRITERS: Duration = Duration::from_millis(1500);
 const POLL: Duration = Duration::from_millis(5);
 
@@ -50,13 +50,13 @@ pub(super) struct DdsSession {
     participant: DomainParticipant,
     publisher: rustdds::Publisher,
     subscriber: rustdds::Subscriber,
-    /// By name and type.
+    /// DDS topics by name and type.
     topics: HashMap<(String, String), Topic>,
-    /// DDS writers that nodes share, by topic.
+    /// Shared DDS writers by topic.
     shared_writers: HashMap<String, Weak<DdsWriter>>,
-    /// DDS readers that subscriptions share ([`EndpointSpec::reader_key`]), and how many do.
+    /// Shared DDS readers by key ([`EndpointSpec::reader_key`]), with the number of their subscriptions.
     shared_readers: HashMap<String, (Gid, usize)>,
-    /// Topics that have or had a DDS reader.
+    /// Topics for which a DDS reader was created.
     read_topics: HashSet<String>,
     announcer: Arc<Announcer>,
     endpoints: Arc<Mutex<Endpoints>>,
@@ -69,7 +69,7 @@ pub(super) struct DdsSession {
 }
 
 impl DdsSession {
-    /// A participant with every endpoint of `endpoints`. Threads inherit the caller's signal mask.
+    /// Creates a participant with all endpoints of `endpoints`. Its threads inherit the caller's signal mask.
     pub(super) fn open(
         (domain, static_peers): (Domain, &StaticPeers),
         Shared { endpoints, graph }: &Shared,
@@ -121,7 +121,7 @@ impl DdsSession {
                     Ok(Err(e)) => format!("receiving has ended: {e}"),
                     Err(_) => "the receiving thread has panicked".to_owned(),
                 };
-                // Nodes that cannot receive must not continue as if they could.
+                // Nodes that cannot receive must not continue to run.
                 let nodes = lock(&all).nodes.clone();
                 for node in nodes {
                     node.stop_state.fail(format!("node {}: {why}", node.name));
@@ -177,11 +177,13 @@ impl DdsSession {
         Ok(())
     }
 
-    /// Waits until the writers of Fast DDS are discovered that an earlier participant of these subscriptions was matched with.
+    /// Waits until the Fast DDS writers have been discovered that were matched with these subscriptions in the previous
+    /// participant.
     ///
-    /// Fast DDS says once, when it matches a new reader, which samples that reader does not get. If the new participant does
-    /// not know the writer by then, it takes later samples for incomplete and keeps them for three to six seconds
-    /// (docs/upstream.md). A reader that is created after the writer is known does not miss the message.
+    /// After a match with a new reader, Fast DDS sends once which samples the reader will not get. If the new
+    /// participant does not know the writer yet, the message is lost; the participant then considers later samples
+    /// incomplete and withholds them for three to six seconds (docs/upstream.md). A reader that is created after the
+    /// discovery of the writer receives the message.
     fn wait_for_writers(&self, readers: &[Arc<Reader>], deadline: Instant) {
         let mut expected = HashSet::new();
         for reader in readers.iter().filter(|r| r.spec.qos.is_reliable()) {
@@ -201,7 +203,7 @@ impl DdsSession {
     }
 
     fn send(&self, request: Request) {
-        // The thread ends only with this session.
+        // Sending fails only if the thread has ended, at the end of this session.
         if self.requests.send(request).is_ok() {
             let _ = self.waker.wake();
         }
@@ -245,7 +247,7 @@ impl DdsSession {
         writer.counters.forget_remote();
         let gid = dds.gid();
         writer.attach(Some(dds));
-        // Peers that are known already may have been matched before the writer was attached.
+        // Known peers may have been matched before the writer was attached.
         self.send(Request::Update(gid));
         Ok(())
     }
@@ -292,8 +294,8 @@ impl Session for DdsSession {
     fn add_writer(&mut self, writer: &Arc<Writer>) -> Result<(), TransportError> {
         self.create_writer(writer)?;
         if !writer.spec.internal {
-            // Before the first message: who receives it may ask whose it is. The announcement that is due later has everything
-            // that changes meanwhile.
+            // Announced before the first message, because its receiver may look up the node of the publisher. The later
+            // announcement contains further changes.
             let nodes = announcer::nodes(&lock(&self.endpoints));
             self.announcer.publish(nodes);
         }
@@ -341,8 +343,8 @@ fn lock(endpoints: &Mutex<Endpoints>) -> std::sync::MutexGuard<'_, Endpoints> {
     endpoints.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// What a new DDS reader finds of earlier ones: rustdds has one cache for all readers of a topic in a participant. A
-/// volatile subscription must not get them, a transient-local one only the last `depth`.
+/// Samples that a new DDS reader finds in the cache of rustdds, which all readers of a topic in a participant share. A
+/// volatile subscription must not get them, a transient-local one gets only the last `depth`.
 fn left_by_others(dds: &RawReader, qos: &Qos) -> VecDeque<RawSample> {
     let mut kept = VecDeque::new();
     while let Ok(Some(change)) = dds.try_take_one() {
@@ -365,7 +367,7 @@ impl Drop for DdsSession {
         {
             let _ = receiver.join();
         }
-        // The participant has no nodes any more.
+        // The participant no longer has nodes.
         self.announcer.publish(Vec::new());
     }
 }

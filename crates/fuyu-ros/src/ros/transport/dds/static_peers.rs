@@ -1,11 +1,11 @@
-//! Static peers: computers whose nodes are found without multicast (`ROS_STATIC_PEERS`).
+//! Static peers (`ROS_STATIC_PEERS`): computers whose nodes are discovered without multicast.
 //!
-//! rustdds announces a participant by multicast, on this computer, and to every participant that it knows; it has no
-//! setting for further addresses (docs/upstream.md). So a participant is introduced to a placeholder for each static
-//! peer, in a datagram to its own discovery port: a participant that only receives announcements, at the discovery ports
-//! of that computer. rustdds then announces itself there, at once and every 10 s, and the participants there respond as
-//! to any announcement. Since rustdds prefers multicast for data, both sides must do without it
-//! ([`occupy_multicast_ports`]).
+//! rustdds announces a participant by multicast, on this computer, and to every participant that it knows; further
+//! addresses cannot be configured (docs/upstream.md). Therefore the participant receives, at its own discovery port, a
+//! datagram that announces a placeholder for each static peer: a fictitious participant, with the discovery ports of
+//! that computer, that only receives announcements. rustdds then announces itself at these ports, at once and every 10
+//! s, and the participants there respond as to any announcement. Since rustdds prefers multicast for data, both sides
+//! must do without it ([`occupy_multicast_ports`]).
 
 use rustdds::DomainParticipant;
 use std::{
@@ -17,24 +17,25 @@ use std::{
 
 use crate::ros::context::DomainError;
 
-/// Participants of a peer that are announced to: those with the first ids, as discovery on one computer does.
+/// Number of participants of a peer that announcements are sent to, those with the lowest ids, as in discovery on one
+/// computer.
 const PARTICIPANTS: u16 = 12;
 
-/// Within this time a participant is created.
+/// Longest time in which a participant is created.
 const CREATION: Duration = Duration::from_secs(1);
 
-/// The group of discovery (RTPS 2.5, section 9.6.2.4.1).
+/// Multicast group of discovery (RTPS 2.5, section 9.6.2.4.1).
 const MULTICAST_GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 1);
 
-/// First bytes of the GUID of a placeholder: the vendor id of rustdds, and a text.
+/// First bytes of the GUID of a placeholder: the vendor id of rustdds and a text.
 const PLACEHOLDER: [u8; 8] = [0x01, 0x12, b's', b't', b'a', b't', b'i', b'c'];
 
-/// Entity ids: a participant, and the reader and writer of announcements.
+/// Entity ids of a participant, and of the reader and writer of announcements.
 const PARTICIPANT: [u8; 4] = [0x00, 0x00, 0x01, 0xc1];
 const READER: [u8; 4] = [0x00, 0x01, 0x00, 0xc7];
 const WRITER: [u8; 4] = [0x00, 0x01, 0x00, 0xc2];
 
-/// Parameters of an announcement.
+/// Parameter ids of an announcement.
 const SENTINEL: u16 = 0x0001;
 const LEASE: u16 = 0x0002;
 const PROTOCOL_VERSION: u16 = 0x0015;
@@ -43,14 +44,14 @@ const METATRAFFIC_UNICAST_LOCATOR: u16 = 0x0032;
 const PARTICIPANT_GUID: u16 = 0x0050;
 const BUILTIN_ENDPOINTS: u16 = 0x0058;
 
-/// The only built-in endpoint of a placeholder: the reader of announcements.
+/// Built-in endpoint set of a placeholder: only the reader of announcements.
 const DETECTOR: u32 = 1 << 1;
 const UDP_V4: u32 = 1;
 
-/// Computers that announcements are sent to in addition to multicast.
+/// Computers that receive announcements in addition to those reached by multicast.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(in crate::ros::transport) struct StaticPeers {
-    /// Addresses or host names.
+    /// IPv4 addresses or host names.
     names: Vec<String>,
 }
 
@@ -58,7 +59,7 @@ impl StaticPeers {
     /// Reads `ROS_STATIC_PEERS`: IPv4 addresses or host names, separated by semicolons.
     ///
     /// # Errors
-    /// [`DomainError`] if it is not such a list.
+    /// [`DomainError`] if the value is not such a list.
     pub(in crate::ros::transport) fn from_env() -> Result<Self, DomainError> {
         Self::parse(&std::env::var("ROS_STATIC_PEERS").unwrap_or_default())
     }
@@ -80,7 +81,7 @@ impl StaticPeers {
         }
     }
 
-    /// The addresses of all peers that have one; logs the others.
+    /// The IPv4 addresses of all peers; peers without one are logged.
     pub(super) fn addresses(&self) -> Vec<Ipv4Addr> {
         let mut addresses = Vec::new();
         for name in &self.names {
@@ -103,11 +104,11 @@ impl StaticPeers {
     }
 }
 
-/// This computer's addresses towards these peers.
+/// This computer's addresses on the routes to these peers.
 pub(super) fn local_addresses(peers: &[Ipv4Addr]) -> Vec<Ipv4Addr> {
     let local = |peer: &Ipv4Addr| -> io::Result<IpAddr> {
         let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
-        // Sends nothing: it selects the interface by the routes.
+        // Connecting a UDP socket sends nothing, but selects the interface by the routing table.
         socket.connect((*peer, 7400))?;
         Ok(socket.local_addr()?.ip())
     };
@@ -124,11 +125,11 @@ pub(super) fn local_addresses(peers: &[Ipv4Addr]) -> Vec<Ipv4Addr> {
     addresses
 }
 
-/// Introduces a participant to the placeholders of its static peers; `uses_multicast` adds one for the multicast group, which
-/// a participant without multicast addresses does not announce itself to otherwise.
+/// Announces the placeholders of its static peers to a participant. With `uses_multicast` there is also a placeholder
+/// for the multicast group, since a participant without multicast addresses would not announce itself there.
 ///
 /// # Errors
-/// When the datagrams cannot be sent.
+/// If the datagrams cannot be sent.
 pub(super) fn introduce(
     participant: &DomainParticipant,
     peers: &[Ipv4Addr],
@@ -156,9 +157,9 @@ pub(super) fn introduce(
     Ok(())
 }
 
-/// Sockets at the multicast ports of a domain. A participant that is created while they exist cannot bind these ports, and
-/// so announces no multicast addresses: peers that multicast does not reach would otherwise be sent multicast only. It is
-/// still found by multicast if it announces itself that way ([`introduce`]).
+/// Sockets that occupy the multicast ports of a domain. A participant that is created meanwhile cannot bind these ports
+/// and so announces no multicast addresses; otherwise peers that multicast does not reach would be sent multicast only.
+/// The participant is still discovered by multicast if it announces itself that way ([`introduce`]).
 pub(super) fn occupy_multicast_ports(domain: u16) -> Vec<UdpSocket> {
     let base = multicast_port(domain);
     let bind = || {
@@ -166,7 +167,7 @@ pub(super) fn occupy_multicast_ports(domain: u16) -> Vec<UdpSocket> {
         sockets.into_iter().flatten().collect::<Vec<_>>()
     };
     let mut sockets = bind();
-    // Another process that is being created has them for a moment.
+    // Another process that is creating a participant occupies the ports for a short time.
     let end = Instant::now() + CREATION;
     while sockets.len() < 2 && Instant::now() < end {
         drop(sockets);
@@ -182,7 +183,7 @@ pub(super) fn occupy_multicast_ports(domain: u16) -> Vec<UdpSocket> {
     sockets
 }
 
-/// Whether a participant is a placeholder.
+/// Whether a GUID prefix belongs to a placeholder.
 pub(super) fn is_placeholder(prefix: &[u8]) -> bool {
     prefix.starts_with(&PLACEHOLDER)
 }
@@ -192,16 +193,16 @@ fn discovery_port(domain: u16, participant: u16) -> u16 {
     multicast_port(domain) + 10 + 2 * participant
 }
 
-/// UDP port of discovery by multicast; that of data is the next one.
+/// UDP port of multicast discovery; the port of multicast data is the next one.
 fn multicast_port(domain: u16) -> u16 {
     7400 + 250 * domain
 }
 
-/// The announcement of a placeholder with this address and these ports.
+/// RTPS message that announces a placeholder with this address and these ports.
 fn placeholder(peer: Ipv4Addr, ports: &[u16]) -> Vec<u8> {
     let mut prefix = PLACEHOLDER.to_vec();
     prefix.extend(peer.octets());
-    // Parameters, little endian, after the header of their encoding.
+    // Parameters, little endian, after their encapsulation header.
     let mut parameters = vec![0x00, 0x03, 0x00, 0x00];
     let mut add = |id: u16, value: &[u8]| {
         parameters.extend(id.to_le_bytes());
@@ -219,11 +220,11 @@ fn placeholder(peer: Ipv4Addr, ports: &[u16]) -> Vec<u8> {
         add(METATRAFFIC_UNICAST_LOCATOR, &locator);
     }
     add(BUILTIN_ENDPOINTS, &DETECTOR.to_le_bytes());
-    // It never ends.
+    // The lease never ends.
     let infinite = [i32::MAX.to_le_bytes(), u32::MAX.to_le_bytes()].concat();
     add(LEASE, &infinite);
     add(SENTINEL, &[]);
-    // The first sample of its writer, with data and without inline QoS.
+    // DATA submessage: the first sample of its writer, without inline QoS.
     let mut data = vec![0, 0, 16, 0];
     data.extend(READER);
     data.extend(WRITER);

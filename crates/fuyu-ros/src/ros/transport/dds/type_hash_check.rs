@@ -1,15 +1,15 @@
-//! Check of type hashes (REP-2016): peers state them in the user data of their endpoints, as `typehash=RIHS01_...;`.
-//! rustdds receives them but cannot send them.
+//! Check of type hashes (REP-2016), which peers state in the user data of their endpoints as `typehash=RIHS01_...;`.
+//! rustdds receives user data but cannot send them.
 
 use rustdds::GUID;
 use std::collections::{HashMap, HashSet};
 
 use crate::ros::{NodeName, endpoint::EndpointSpec};
 
-/// Length prefix that rustdds leaves before user data (docs/upstream.md) \[bytes\].
+/// Length prefix that rustdds leaves in front of user data (docs/upstream.md) \[bytes\].
 const LENGTH: usize = 4;
 
-/// The type hash in an endpoint's user data.
+/// Extracts the type hash from an endpoint's user data.
 pub(super) fn hash_in_user_data(user_data: &[u8]) -> Option<String> {
     let text = str::from_utf8(user_data.get(LENGTH..)?).ok()?;
     let hash = (text.split(';')).find_map(|pair| pair.trim().strip_prefix("typehash="))?;
@@ -18,11 +18,11 @@ pub(super) fn hash_in_user_data(user_data: &[u8]) -> Option<String> {
     is_hash.then(|| hash.to_owned())
 }
 
-/// Type hashes that the endpoints of peers have stated.
+/// Type hashes stated by the endpoints of peers.
 #[derive(Default)]
 pub(super) struct TypeHashCheck {
     stated: HashMap<GUID, String>,
-    /// Topics and hashes that a warning was logged for.
+    /// Topics and hashes for which a warning was logged.
     warned: HashSet<(String, String)>,
 }
 
@@ -37,7 +37,7 @@ impl TypeHashCheck {
         self.stated.retain(|endpoint, _| !is_lost(endpoint));
     }
 
-    /// Warns if a matched endpoint of a peer has another definition of the type.
+    /// Warns if a matched endpoint of a peer has a different definition of the type.
     pub(super) fn compare(&mut self, node: &NodeName, spec: &EndpointSpec, peer: GUID) {
         let Some(stated) = self.stated.get(&peer) else {
             return;
@@ -61,7 +61,7 @@ impl TypeHashCheck {
 mod tests {
     use super::*;
 
-    /// As it is on the wire, padded to four bytes.
+    /// User data as received, padded to four bytes.
     fn sequence(text: &str) -> Vec<u8> {
         let mut bytes = u32::try_from(text.len()).unwrap().to_le_bytes().to_vec();
         bytes.extend(text.bytes());
@@ -69,7 +69,7 @@ mod tests {
         bytes
     }
 
-    // Breaks when the form that rmw gives user data is not read, or something else is taken for a hash.
+    // Fails if the user data of rmw are not understood, or if other data count as a hash.
     #[test]
     fn a_hash_is_found_among_other_user_data() {
         let hash = format!("RIHS01_{}", "0a".repeat(32));

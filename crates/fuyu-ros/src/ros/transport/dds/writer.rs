@@ -1,4 +1,4 @@
-//! DDS writers as wires of publishers.
+//! DDS writers as the wires of publishers.
 
 use rustdds::{GUID, RTPSEntity, SequenceNumber, WriteOptionsBuilder, bytes::Bytes};
 use std::{
@@ -17,24 +17,25 @@ use crate::ros::{
     Gid, Time, local_delivery::LocalTopic, sample::SampleIdentity, transport::WireWriter,
 };
 
-/// Requests up to this length state where the reply is expected \[bytes\]: rustdds cannot send this with longer ones
+/// Longest request that states its reply reader \[bytes\]: rustdds cannot add this to longer requests
 /// (docs/upstream.md).
 const STATES_READER: usize = 1_024;
 
-/// rustdds does not deliver samples of a writer that has left, even if it has acknowledged them, so a subscriber must have been
-/// scheduled between the two (docs/upstream.md).
+/// Time between the last sample and the end of a writer, in which a subscriber must be scheduled: rustdds does not
+/// deliver samples of a writer that has left, even acknowledged ones (docs/upstream.md).
 const LINGER: Duration = Duration::from_millis(200);
 
-/// After how many samples subscriptions of the same participant acknowledge: well below the 8192 after which rustdds waits.
+/// Number of samples after which subscriptions of the same participant acknowledge; rustdds blocks after 8192
+/// unacknowledged ones.
 const ACKNOWLEDGED: i64 = 1024;
 
 /// A DDS writer, which several publishers may share.
 pub(super) struct DdsWriter {
     raw: RawWriter,
     dds_topic: String,
-    /// The topic in this process.
+    /// The topic inside the participant.
     local: Arc<LocalTopic>,
-    /// Sends RTPS messages that rustdds does not send.
+    /// Sender of RTPS messages that rustdds does not send.
     rtps: Option<Arc<RtpsSender>>,
     /// Sequence number of the last sample.
     last_number: AtomicI64,
@@ -55,8 +56,9 @@ impl DdsWriter {
         }
     }
 
-    /// Sends a reply that is too long for rustdds with the next sequence number; false if it is not too long. Before
-    /// the sample is written: from then on rustdds says that there is nothing for the client to receive.
+    /// Sends a reply that is too long for rustdds, with the next sequence number; returns false if rustdds can send it.
+    /// Must be called before the sample is written: from then on, rustdds announces to the client that there is nothing
+    /// to receive.
     fn send_long_reply(&self, request: SampleIdentity, cdr: &[u8]) -> bool {
         let topic = &self.dds_topic;
         let Some(rtps) = (self.rtps.as_ref()).filter(|r| r.must_send(topic, cdr.len())) else {
@@ -67,8 +69,8 @@ impl DdsWriter {
         true
     }
 
-    /// Acknowledges what was written so far, for the subscriptions of this participant: they get messages in memory, and
-    /// rustdds would wait for them.
+    /// Acknowledges all written samples on behalf of the subscriptions of this participant, which receive the messages
+    /// in memory; rustdds would wait for them.
     fn acknowledge_for_own_readers(&self) {
         if let Some(rtps) = &self.rtps {
             let readers = self.local.reliable_readers();
@@ -100,12 +102,13 @@ impl WireWriter for DdsWriter {
         if let Some(request) = related
             && self.send_long_reply(request, &cdr)
         {
-            // A sample to nobody: it takes the sequence number, and is announced to all other clients as irrelevant.
+            // An empty sample without recipient: it uses up the sequence number, and is announced as irrelevant to all
+            // other clients.
             options = options.to_single_reader(self.guid());
             cdr = Bytes::new();
         }
         let Ok(identity) = self.raw.write_with_options(cdr, options.build()) else {
-            // The datagrams of the last acknowledgements may have been lost.
+            // The datagrams with the last acknowledgements may have been lost.
             self.acknowledge_for_own_readers();
             return None;
         };

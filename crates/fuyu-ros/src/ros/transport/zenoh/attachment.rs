@@ -1,16 +1,16 @@
-//! Attachment of every message: sequence number, time of publication and identity of its publisher.
+//! Attachment of a Zenoh message: sequence number, time of publication and GID of the publisher.
 
 use crate::ros::{Gid, Time, sample::SampleIdentity};
 
 /// Length of an encoded attachment \[bytes\].
 const LENGTH: usize = 33;
-/// Length of a GID \[bytes\], which precedes it.
+/// Length of a GID \[bytes\]; precedes the GID.
 const GID_LENGTH: u8 = 16;
 
-/// The attachment of a message, a request or a reply. A reply carries number and GID of its request.
+/// Attachment of a message, a request or a reply. A reply has the number and GID of its request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Attachment {
-    /// Counted by the publisher, from 1.
+    /// Sequence number of the publisher, from 1.
     pub(super) sequence_number: i64,
     /// Time of publication by the wall clock of the sender.
     pub(super) source_time: Time,
@@ -18,7 +18,7 @@ pub(super) struct Attachment {
 }
 
 impl Attachment {
-    /// Identity of the message or the request; of a reply, that of its request.
+    /// Identity of the message or request; for a reply, that of its request.
     pub(super) fn identity(&self) -> SampleIdentity {
         SampleIdentity {
             writer: self.gid,
@@ -26,7 +26,7 @@ impl Attachment {
         }
     }
 
-    /// Two 64-bit integers, little endian, and the GID after its length.
+    /// Encodes two 64-bit integers, little endian, then the length of the GID and the GID.
     pub(super) fn encode(&self) -> [u8; LENGTH] {
         let mut bytes = [0; LENGTH];
         bytes[..8].copy_from_slice(&self.sequence_number.to_le_bytes());
@@ -36,7 +36,7 @@ impl Attachment {
         bytes
     }
 
-    /// `None` if the bytes are not an attachment.
+    /// Decodes an attachment; `None` if the bytes are not one.
     pub(super) fn decode(bytes: &[u8]) -> Option<Self> {
         let bytes: &[u8; LENGTH] = bytes.try_into().ok()?;
         if bytes[16] != GID_LENGTH {
@@ -59,7 +59,7 @@ impl Attachment {
 mod tests {
     use super::*;
 
-    // The layout of the design document of rmw_zenoh.
+    // The layout in the design document of rmw_zenoh.
     #[test]
     fn number_time_and_gid_are_in_their_places() {
         let attachment = Attachment {

@@ -5,8 +5,8 @@ use std::{fmt, path::Path};
 use super::super::TransportError;
 use crate::ros::context::DomainError;
 
-/// The default of rmw_zenoh, as far as it differs from that of Zenoh: a peer that listens on loopback and is
-/// introduced to other peers by a router on this computer.
+/// Settings of rmw_zenoh that differ from Zenoh's defaults: a peer that listens on loopback and is introduced to other
+/// peers by a router on this computer.
 const DEFAULT: &str = r#"{
     mode: "peer",
     connect: {
@@ -41,8 +41,8 @@ const DEFAULT: &str = r#"{
     },
 }"#;
 
-/// The default of the router of rmw_zenoh, as far as it differs from that of Zenoh; but an attempt to reach another router
-/// ends after 5 s instead of 60 s, and the next one follows a second later, so that one comes soon after an interruption.
+/// Settings of rmw_zenoh's router that differ from Zenoh's defaults. As an exception, an attempt to connect to another
+/// router ends after 5 s instead of 60 s and is repeated after a second, so that an interruption ends soon.
 const ROUTER: &str = r#"{
     mode: "router",
     connect: {
@@ -70,19 +70,19 @@ const ROUTER_FILE: &str = "ZENOH_ROUTER_CONFIG_URI";
 #[derive(Clone)]
 pub struct ZenohConfig {
     config: zenoh::Config,
-    /// How often a router is looked for, a second apart, before the nodes start; `None` is not at all.
+    /// Number of checks for a router, a second apart, before the nodes start; `None` for no check.
     pub(super) router_checks: Option<u64>,
 }
 
 impl fmt::Debug for ZenohConfig {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // The configuration may name keys.
+        // Not shown: the configuration may contain names of key files.
         f.debug_struct("ZenohConfig").finish_non_exhaustive()
     }
 }
 
 impl Default for ZenohConfig {
-    /// That of rmw_zenoh: a peer that connects to a router at `tcp/localhost:7447`.
+    /// The settings of rmw_zenoh: a peer that connects to a router at `tcp/localhost:7447`.
     fn default() -> Self {
         let config = zenoh::Config::from_json5(DEFAULT);
         Self {
@@ -104,8 +104,9 @@ impl ZenohConfig {
         })
     }
 
-    /// For [`ZenohRouter`](super::ZenohRouter): that of rmw_zenoh, which listens at port 7447 of all addresses, or a file
-    /// `ZENOH_ROUTER_CONFIG_URI`; and `ZENOH_CONFIG_OVERRIDE`.
+    /// Configuration of a [`ZenohRouter`](super::ZenohRouter): the file named by `ZENOH_ROUTER_CONFIG_URI`, or else the
+    /// settings of rmw_zenoh's router, which listens on port 7447 of all addresses; then `ZENOH_CONFIG_OVERRIDE` is
+    /// applied.
     ///
     /// # Errors
     /// As [`Self::from_env`].
@@ -118,10 +119,10 @@ impl ZenohConfig {
         Self::from_variables(default, ROUTER_FILE, |name| std::env::var(name).ok())
     }
 
-    /// From a configuration file of Zenoh.
+    /// Reads a Zenoh configuration file.
     ///
     /// # Errors
-    /// Why it cannot be read, or what is wrong in it.
+    /// The error of reading, or the invalid part of the file.
     pub fn from_file(path: &Path) -> Result<Self, String> {
         let config = zenoh::Config::from_file(path).map_err(|e| e.to_string())?;
         Ok(Self {
@@ -171,17 +172,17 @@ impl ZenohConfig {
         Ok(config)
     }
 
-    /// The same with another value, in JSON5, at a key such as `connect/endpoints`.
+    /// Sets a value, in JSON5, at a key such as `connect/endpoints`.
     ///
     /// # Errors
-    /// What is wrong with key or value.
+    /// The error in key or value.
     pub fn with(mut self, key: &str, json5: &str) -> Result<Self, String> {
         let inserted = self.config.insert_json5(key, json5);
         inserted.map_err(|e| format!("{key}={json5}: {e}"))?;
         Ok(self)
     }
 
-    /// A session. Threads inherit the signal mask of the caller.
+    /// Opens a session. Its threads inherit the caller's signal mask.
     pub(super) fn open(&self) -> Result<zenoh::Session, TransportError> {
         let session = zenoh::Wait::wait(zenoh::open(self.config.clone()));
         session.map_err(|e| TransportError::other(format!("no Zenoh session: {e}")))

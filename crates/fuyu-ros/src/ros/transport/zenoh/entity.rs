@@ -1,15 +1,15 @@
-//! Liveliness tokens: each node, publisher, subscription, service and client has one, whose key expression describes
-//! it.
+//! Liveliness tokens. Each node, publisher, subscription, service and client has a token, whose key expression
+//! describes it:
 //!
-//! `@ros2_lv/domain/session/node id/entity id/kind/enclave/namespace/node` and, of all but nodes,
-//! `/name/type/hash/qos`, with `%` for every slash inside a part.
+//! `@ros2_lv/domain/session/node id/entity id/kind/enclave/namespace/node`, followed (except for nodes) by
+//! `/name/type/hash/qos`. Slashes within a part are written as `%`.
 
 use xxhash_rust::xxh3::xxh3_128;
 
 use super::{keys::TopicKey, qos};
 use crate::ros::{Gid, Qos};
 
-/// First part of all tokens. The `@` keeps wildcards of others from matching them.
+/// First part of all tokens. Because of the `@`, wildcards of other key expressions do not match tokens.
 const PREFIX: &str = "@ros2_lv";
 
 /// Kind of entity that a token describes.
@@ -42,7 +42,7 @@ impl EntityKind {
     }
 }
 
-/// Something that a session has in the graph.
+/// An entity of the ROS graph: a node, publisher, subscription, service or client.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Entity {
     /// `ROS_DOMAIN_ID`.
@@ -51,14 +51,14 @@ pub(super) struct Entity {
     pub(super) session: String,
     /// Number of the node in the session.
     pub(super) node_id: u64,
-    /// Number of the entity in the session; that of a node is its own number.
+    /// Number of the entity in the session; for a node, its own number.
     pub(super) id: u64,
     pub(super) kind: EntityKind,
     /// Namespace of the node, `/` or `/chaser`.
     pub(super) namespace: String,
     /// Name of the node.
     pub(super) node: String,
-    /// `None` for nodes.
+    /// Topic or service with its QoS; `None` for nodes.
     pub(super) topic: Option<(TopicKey, Qos)>,
 }
 
@@ -68,7 +68,7 @@ impl Entity {
         format!("{PREFIX}/{domain}/**")
     }
 
-    /// The key expression of its token.
+    /// Key expression of the entity's token.
     pub(super) fn token(&self) -> String {
         let Self {
             domain,
@@ -81,7 +81,7 @@ impl Entity {
             topic,
         } = self;
         let namespace = mangle(namespace);
-        // The enclave is one of SROS, which is not used.
+        // The enclave is part of SROS, which is not supported.
         let mut token = format!(
             "{PREFIX}/{domain}/{session}/{node_id}/{id}/{}/%/{namespace}/{node}",
             kind.name()
@@ -98,7 +98,7 @@ impl Entity {
         token
     }
 
-    /// From the key expression of a token; `None` if it is none.
+    /// Parses the key expression of a token; `None` if it is not one.
     pub(super) fn parse(token: &str) -> Option<Self> {
         let mut parts = token.split('/');
         let mut next = || parts.next().filter(|part| !part.is_empty());
@@ -139,7 +139,7 @@ impl Entity {
     }
 }
 
-/// Identity of the entity with this token, which it states in attachments: XXH3 of the token, the lower half first.
+/// GID of the entity with this token, as stated in attachments: XXH3-128 of the token, lower half first.
 pub(super) fn gid(token: &str) -> Gid {
     xxh3_128(token.as_bytes()).to_le_bytes().into()
 }
@@ -159,7 +159,7 @@ mod tests {
     const STRING: &str = "std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18";
     const SUM: &str = "example_interfaces::srv::dds_::AddTwoInts_/RIHS01_e118de6bf5eeb66a2491b5bda11202e7b68f198d6f67922cf30364858239c81a";
 
-    /// The tokens in the design document of rmw_zenoh.
+    /// The example tokens in the design document of rmw_zenoh.
     fn examples() -> [(EntityKind, String); 5] {
         let [listener, talker, server, client] = [
             "aac3178e146ba6f1fc6e6a4085e77f21",
@@ -238,8 +238,8 @@ mod tests {
         }
     }
 
-    // XXH3-128 with seed 0, as the reference implementation computes it (xxhsum -H2). Fails if the halves changed
-    // places.
+    // XXH3-128 with seed 0, as computed by the reference implementation (`xxhsum -H2`). Fails if the halves are
+    // exchanged.
     #[test]
     fn a_gid_is_the_hash_of_its_token() {
         let empty = 0x99aa_06d3_0147_98d8_6001_c324_468d_497f_u128;

@@ -1,5 +1,5 @@
-//! The graph from liveliness tokens: the nodes of other sessions, and the peers that this session's endpoints are
-//! matched with.
+//! The ROS graph from liveliness tokens: the nodes of other sessions, and the matched peers of this session's
+//! endpoints.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -17,12 +17,12 @@ use crate::ros::{
     transport::{Discovery, RemotePublisher, Shared},
 };
 
-/// Most pairs of topics that are warned of: peers choose their names and types.
+/// Largest number of pairs of topics that are warned about, since peers choose the names and types.
 const MOST_WARNINGS: usize = 1000;
 
-/// The entities of other sessions.
+/// Entities of other sessions.
 pub(super) struct ZenohGraph {
-    /// Zenoh id of the own session.
+    /// Zenoh id of this session.
     own: String,
     shared: Shared,
     known: Mutex<Known>,
@@ -31,11 +31,11 @@ pub(super) struct ZenohGraph {
 #[derive(Default)]
 struct Known {
     entities: HashMap<Gid, Entity>,
-    /// Topics and types that a warning was logged for.
+    /// Pairs of topics for which a warning was logged.
     warned: HashSet<(TopicKey, TopicKey)>,
 }
 
-/// Publishes or subscribes.
+/// Side of an endpoint: publishing or subscribing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Side {
     Writer,
@@ -43,7 +43,7 @@ pub(super) enum Side {
 }
 
 impl ZenohGraph {
-    /// Of the session with this Zenoh id.
+    /// For the session with this Zenoh id.
     pub(super) fn new(own: String, shared: Shared) -> Self {
         shared.graph.reset(own.as_bytes());
         Self {
@@ -53,7 +53,7 @@ impl ZenohGraph {
         }
     }
 
-    /// A token has appeared or, if not `is_alive`, disappeared.
+    /// Processes a token that has appeared or, if not `is_alive`, disappeared.
     pub(super) fn changed(&self, token: &str, is_alive: bool) {
         let Some(entity) = Entity::parse(token) else {
             tracing::debug!("Zenoh: {token} is not a token of a ROS entity");
@@ -79,7 +79,8 @@ impl ZenohGraph {
         }
     }
 
-    /// Stores the nodes of a session. Returns names that have newly been found to be those of own nodes too.
+    /// Stores the nodes of a session. Returns names that are newly found to be the names of nodes of this session as
+    /// well.
     fn update_nodes(&self, known: &Known, session: &str) -> Vec<String> {
         let mut nodes: HashMap<u64, (String, Vec<Gid>)> = HashMap::new();
         for (gid, entity) in &known.entities {
@@ -95,7 +96,7 @@ impl ZenohGraph {
         self.shared.graph.replace(session.as_bytes(), nodes)
     }
 
-    /// Counts again the matched peers of the endpoints of a topic or service.
+    /// Updates the matched peers of all endpoints of a topic or service.
     fn update_matches(&self, known: &mut Known, changed: &TopicKey) {
         let endpoints = self.shared.endpoints.lock();
         let endpoints = endpoints.unwrap_or_else(PoisonError::into_inner);
@@ -109,7 +110,7 @@ impl ZenohGraph {
         }
     }
 
-    /// Counts the matched peers of a new endpoint.
+    /// Determines the matched peers of a new endpoint.
     pub(super) fn count(&self, spec: &EndpointSpec, side: Side, counters: &Counters) {
         self.lock().count(spec, side, counters);
     }
@@ -153,7 +154,7 @@ impl Known {
     }
 }
 
-/// Matched peers of an endpoint.
+/// Kind of the entities that an endpoint is matched with.
 fn counterpart(role: &Role, side: Side) -> EntityKind {
     match (role, side) {
         (Role::Topic, Side::Writer) => EntityKind::Subscription,
@@ -182,7 +183,7 @@ impl Discovery for ZenohGraph {
     }
 
     fn take_returned_peer(&self) -> Option<String> {
-        // Zenoh restores its connections itself.
+        // Zenoh restores its connections itself, so no session is replaced.
         None
     }
 }

@@ -2,17 +2,17 @@
 
 use crate::ros::endpoint::{EndpointSpec, Role};
 
-/// Stands for the hash of a type that is not known here. It matches none in a key expression of data.
+/// Used in place of the hash of an unknown type. It matches no hash in the key expressions of data.
 const NO_HASH: &str = "TypeHashNotSupported";
 
-/// Name, type and hash of a topic or service, as they stand in key expressions and tokens.
+/// Name, type and hash of a topic or service, as in key expressions and tokens.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) struct TopicKey {
     /// Full name, `/chatter`.
     pub(super) name: String,
-    /// `std_msgs::msg::dds_::String_`; that of a service has neither `Request` nor `Response`.
+    /// `std_msgs::msg::dds_::String_`; for a service, without `Request` or `Response`.
     pub(super) type_name: String,
-    /// `None` if the definition of the type is not known here.
+    /// Type hash; `None` if the definition of the type is not known in this program.
     pub(super) hash: Option<String>,
 }
 
@@ -37,12 +37,12 @@ impl TopicKey {
         }
     }
 
-    /// Where its messages go.
+    /// Key expression for sending messages.
     pub(super) fn data(&self, domain: u16) -> String {
         self.expression(domain, self.token_hash())
     }
 
-    /// Where the messages come from: of any definition, if none is known here.
+    /// Key expression for receiving messages: with any hash if the definition is not known in this program.
     pub(super) fn any_data(&self, domain: u16) -> String {
         self.expression(domain, self.hash.as_deref().unwrap_or("*"))
     }
@@ -57,7 +57,7 @@ impl TopicKey {
         self.hash.as_deref().unwrap_or(NO_HASH)
     }
 
-    /// Whether endpoints of both exchange messages.
+    /// Whether endpoints with these two keys exchange messages.
     pub(super) fn is_exchanged_with(&self, other: &Self) -> bool {
         let are_known = self.hash.is_some() && other.hash.is_some();
         self.name == other.name
@@ -65,7 +65,7 @@ impl TopicKey {
             && (!are_known || self.hash == other.hash)
     }
 
-    /// From the parts of a token.
+    /// Creates a key from the parts of a token.
     pub(super) fn from_token(name: String, type_name: String, hash: &str) -> Self {
         Self {
             name,
@@ -117,7 +117,7 @@ mod tests {
         assert!(key.is_exchanged_with(&TopicKey::of(&unknown)));
     }
 
-    // Fails if the two directions of a service had different keys: they are one queryable.
+    // Fails if the two directions of a service have different keys: a service is a single queryable.
     #[test]
     fn both_directions_of_a_service_have_one_key() {
         let [request, reply] =

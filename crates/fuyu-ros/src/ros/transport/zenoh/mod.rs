@@ -1,9 +1,9 @@
-//! Zenoh, wire-compatible with `rmw_zenoh_cpp` of ROS 2 Jazzy and Kilted.
+//! Zenoh transport, wire-compatible with `rmw_zenoh_cpp` of ROS 2 Jazzy and Kilted.
 //!
-//! Formats are those of its [design document](https://github.com/ros2/rmw_zenoh/blob/rolling/docs/design.md): key
-//! expressions ([`keys`]), liveliness tokens from which every participant learns the graph ([`entity`]), attachments
-//! ([`attachment`]). A participant is a Zenoh session. Zenoh restores interrupted connections itself, so that a
-//! session is never replaced.
+//! The formats follow its [design document](https://github.com/ros2/rmw_zenoh/blob/rolling/docs/design.md): key
+//! expressions ([`keys`]), liveliness tokens from which every participant builds the graph ([`entity`]), attachments
+//! ([`attachment`]). A participant is a Zenoh session. Zenoh restores interrupted connections itself, so a session is
+//! never replaced.
 
 mod attachment;
 mod config;
@@ -28,7 +28,7 @@ pub use config::ZenohConfig;
 pub use router::ZenohRouter;
 pub use router_log::RouterLog;
 
-/// Connects through Zenoh sessions.
+/// Opens Zenoh sessions.
 pub(super) struct ZenohTransport {
     domain: Domain,
     config: ZenohConfig,

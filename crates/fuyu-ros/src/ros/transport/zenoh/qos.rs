@@ -1,4 +1,5 @@
-//! Quality of service in liveliness tokens: fields separated by colons, empty where they have the default of rmw_zenoh.
+//! Quality of service in liveliness tokens: fields separated by colons; a field is empty if it has rmw_zenoh's default
+//! value.
 //!
 //! `reliability:durability:history,depth:deadline:lifespan:liveliness,lease`, with the numbers of `rmw/types.h`;
 //! durations are seconds and nanoseconds, separated by a comma.
@@ -10,12 +11,12 @@ use crate::ros::{
     qos::{Durability, History, Liveliness, Reliability},
 };
 
-/// Depth where none is stated.
+/// Default depth.
 const DEFAULT_DEPTH: usize = 42;
 /// `RMW_DURATION_INFINITE`: 2^63 - 1 nanoseconds.
 const INFINITE: (u64, u32) = (9_223_372_036, 854_775_807);
 
-/// The quality of service as the last part of a token.
+/// Encodes a quality of service as the last part of a token.
 pub(super) fn encode(qos: &Qos) -> String {
     let reliability = match qos.reliability {
         Reliability::Reliable => "",
@@ -57,7 +58,7 @@ fn duration(duration: Option<Duration>) -> String {
     )
 }
 
-/// `None` if the text is not a quality of service.
+/// Decodes a quality of service; `None` if the text is not one.
 pub(super) fn decode(text: &str) -> Option<Qos> {
     let parts: Vec<&str> = text.split(':').collect();
     let [
@@ -104,7 +105,7 @@ pub(super) fn decode(text: &str) -> Option<Qos> {
     })
 }
 
-/// The inner `None` is an infinite duration.
+/// Parses a duration. The inner `None` means infinite.
 fn parse_duration(text: &str) -> Option<Option<Duration>> {
     let (seconds, nanos) = text.split_once(',')?;
     let seconds = match seconds {

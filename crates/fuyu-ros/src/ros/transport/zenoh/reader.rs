@@ -27,10 +27,10 @@ use crate::ros::{
     transport::{SequenceNumbers, TransportError},
 };
 
-/// How long the cache of a publisher may take to answer.
+/// Longest time in which the cache of a publisher may respond.
 const HISTORY_TIMEOUT: Duration = Duration::from_secs(600);
 
-/// Receiver of a subscription; ends when dropped.
+/// Receiver of a subscription or service server; ends when dropped.
 pub(super) enum ZenohReader {
     Topic {
         _subscriber: AdvancedSubscriber<()>,
@@ -40,12 +40,12 @@ pub(super) enum ZenohReader {
         _queryable: Queryable<()>,
         _token: LivelinessToken,
     },
-    /// Replies arrive with the queries of the client.
+    /// Subscription to replies. Nothing to declare: replies arrive through the queries of the client.
     Replies,
 }
 
 impl ZenohReader {
-    /// Subscribes at `key`, with options as rmw_zenoh sets them.
+    /// Subscribes to `key`, with the options of rmw_zenoh.
     pub(super) fn topic(
         session: &Session,
         key: String,

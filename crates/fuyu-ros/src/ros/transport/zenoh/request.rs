@@ -1,7 +1,7 @@
-//! Service clients: a request is a query, which is sent again if it ends without a reply.
+//! Service clients. A request is sent as a Zenoh query, and again if the query ends without a reply.
 //!
-//! While two peers that a router has introduced connect to each other, routes change, and a query sent at that moment
-//! ends without having reached the server, although the graph shows the server: docs/upstream.md, "Zenoh".
+//! While two peers that a router has introduced connect to each other, routes change. A query that is sent at that
+//! moment ends without having reached the server, although the server is in the graph (docs/upstream.md, "Zenoh").
 
 use bytes::Bytes;
 use std::{
@@ -30,20 +30,22 @@ use crate::ros::{
     transport::{TransportError, WireWriter},
 };
 
-/// How long the result of an action may take, in place of the timeout of the session.
+/// Timeout of queries for the result of an action, in place of the session's timeout.
 const RESULT_TIMEOUT: Duration = Duration::from_secs(365 * 24 * 3600);
 
-/// How often a request is sent again. Few, since a server that does not recognise a request may serve it each time.
+/// Largest number of times that a request is sent again. Small, since a server that does not detect duplicates may
+/// serve each.
 const RETRIES: u8 = 5;
 
-/// How long after its query ended a request is sent again.
+/// Delay between the end of a query and the next attempt.
 const RETRY_DELAY: Duration = Duration::from_millis(100);
 
-/// Requests that wait to be sent again: their number, and the sum of their lengths \[bytes\]. Beyond it the oldest are lost.
+/// Limits of the requests that wait for another attempt: number, and total length \[bytes\]. Beyond them the oldest are
+/// discarded.
 const WAITING: usize = 1024;
 const WAITING_BYTES: usize = 16 << 20;
 
-/// The subscriptions to replies of a session.
+/// Subscriptions to replies, of all clients of a session.
 #[derive(Default)]
 pub(super) struct ReplyReaders {
     readers: Mutex<Vec<(ServiceOfNode, Arc<Reader>)>>,
@@ -59,7 +61,7 @@ impl ReplyReaders {
         lock(&self.readers).retain(|(_, r)| !Arc::ptr_eq(r, reader));
     }
 
-    /// Passes the reply to a request of a client on.
+    /// Passes a reply to the client that sent the request.
     fn receive(&self, service: &ServiceOfNode, reply: &Sample, graph: &GraphCache) {
         let attachment = reply.attachment().map(|a| a.to_bytes());
         let attachment = attachment.and_then(|a| Attachment::decode(&a));
@@ -76,7 +78,7 @@ impl ReplyReaders {
     }
 }
 
-/// A request that has not been replied to.
+/// A request without a reply.
 struct Request {
     cdr: Bytes,
     attachment: Attachment,
@@ -89,12 +91,12 @@ struct RequestSender {
     querier: Querier<'static>,
     replies: Arc<ReplyReaders>,
     graph: Arc<GraphCache>,
-    /// Of the client.
+    /// Writer of the client's requests.
     writer: Weak<Writer>,
     retries: Mutex<RetryQueue>,
 }
 
-/// Requests to be sent again, in order of time. A thread sends them; it ends when none is left.
+/// Requests that wait for another attempt, in order of time. A thread sends them and ends when none is left.
 #[derive(Default)]
 struct RetryQueue {
     requests: VecDeque<(Instant, Request)>,
@@ -103,7 +105,7 @@ struct RetryQueue {
 }
 
 impl RequestSender {
-    /// Returns whether the transport accepted the request.
+    /// Sends a request. Returns whether the transport has accepted it.
     fn send(self: &Arc<Self>, request: Request) -> bool {
         let query = self.querier.get().payload(request.cdr.clone());
         let query = query.attachment(request.attachment.encode());
@@ -143,13 +145,13 @@ impl RequestSender {
         is_accepted
     }
 
-    /// Whether a server in this participant gets the requests without the network; then no server gets the query.
+    /// Whether a server in this participant receives the requests in memory; then no server may receive the query.
     fn has_local_server(&self) -> bool {
         let writer = self.writer.upgrade();
         writer.is_some_and(|writer| writer.counters.local.load(Relaxed) > 0)
     }
 
-    /// For a request whose query ended without a reply.
+    /// Schedules another attempt after a query has ended without a reply.
     fn send_later(self: &Arc<Self>, mut request: Request) {
         if self.has_local_server() {
             return;
@@ -182,7 +184,7 @@ impl RequestSender {
         queue.has_thread = thread.spawn(move || send_due(&sender)).is_ok();
     }
 
-    /// The next request to be sent again; `None` ends the thread.
+    /// Takes the next request for another attempt; with `None` the thread ends.
     fn next_retry(&self) -> Option<(Instant, Request)> {
         let mut queue = lock(&self.retries);
         let next = queue.requests.pop_front();
@@ -192,7 +194,7 @@ impl RequestSender {
     }
 }
 
-/// The thread of a [`RetryQueue`].
+/// Runs the thread of a [`RetryQueue`].
 fn send_due(sender: &Weak<RequestSender>) {
     while let Some((due, request)) = sender.upgrade().and_then(|s| s.next_retry()) {
         thread::sleep(due.saturating_duration_since(Instant::now()));
@@ -204,16 +206,16 @@ fn send_due(sender: &Weak<RequestSender>) {
     }
 }
 
-/// A query. Zenoh drops it when the query has ended, or was not accepted.
+/// A query in progress. Zenoh drops it when the query has ended or was not accepted.
 struct Outstanding {
     sender: Weak<RequestSender>,
     state: Arc<Mutex<QueryState>>,
 }
 
 struct QueryState {
-    /// `None` once there is a reply.
+    /// The request; `None` after a reply has arrived.
     request: Option<Request>,
-    /// The caller learns of a query that is not accepted; it is not sent again.
+    /// Whether the transport has accepted the query. If not, the caller is notified and the request is not sent again.
     is_accepted: bool,
     has_ended: bool,
 }
@@ -235,11 +237,11 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The requests of a client.
+/// Wire of a client's requests.
 pub(super) struct RequestWriter {
     gid: Gid,
     sender: Arc<RequestSender>,
-    /// Number of the last request.
+    /// Sequence number of the last request.
     number: Mutex<i64>,
     _token: LivelinessToken,
 }
@@ -295,7 +297,7 @@ impl WireWriter for RequestWriter {
             source_time: published,
             gid: self.gid,
         };
-        // Replies may arrive in this thread.
+        // Unlocked before sending, since replies may arrive in this thread.
         drop(number);
         let request = Request {
             cdr,

@@ -1,4 +1,4 @@
-//! A Zenoh router, as `rmw_zenohd` and `zenohd` are.
+//! A Zenoh router, like `rmw_zenohd` and `zenohd`.
 
 use std::{
     collections::HashMap,
@@ -14,15 +14,15 @@ use crate::ros::{
     signals::{self, ProcessSignal},
 };
 
-/// How often the same thing is logged at most.
+/// Shortest time between two log entries with the same text.
 const LOGGED_EVERY: Duration = Duration::from_secs(60);
-/// Most different things that are logged in this time.
+/// Largest number of different texts that are logged in this time.
 const DIFFERENT: usize = 200;
-/// Things that wait for being logged; more are dropped.
+/// Largest number of queued log entries; further ones are dropped.
 const WAITING: usize = 1000;
 
-/// A running router. It introduces the sessions of its computer to each other, and passes on what goes to others; with
-/// a configuration of [`crate::keys`] it decides who may do what. It stops when it is dropped.
+/// A running router. It introduces the sessions of its computer to each other and forwards messages to other computers.
+/// With a configuration from [`crate::keys`] it also enforces permissions. It stops when dropped.
 pub struct ZenohRouter {
     session: zenoh::Session,
 }
@@ -31,7 +31,7 @@ impl ZenohRouter {
     /// Starts a router.
     ///
     /// # Errors
-    /// [`NodeError::Failed`] if it cannot listen: at a port that is in use, for example.
+    /// [`NodeError::Failed`] if it cannot listen, for example if the port is in use.
     pub fn start(config: &ZenohConfig) -> Result<Self, NodeError> {
         let session = config.open();
         let session = session.map_err(|e| NodeError::Failed(format!("Zenoh router: {e}")))?;
@@ -43,13 +43,13 @@ impl ZenohRouter {
     /// # Errors
     /// As [`Self::start`].
     pub fn run(config: &ZenohConfig) -> Result<(), NodeError> {
-        // All threads leave signals to the one that waits for them.
+        // All threads block signals, except the one that waits for them.
         signals::block();
         let (events, happened) = mpsc::sync_channel(WAITING);
         RouterLog::start({
             let events = events.clone();
             move |level, text| {
-                // Zenoh does not wait for a slow terminal.
+                // A full queue drops the entry, so that a slow terminal does not delay Zenoh.
                 let _ = events.try_send(RouterEvent::Log(level, text));
             }
         });
@@ -79,14 +79,14 @@ enum RouterEvent {
 fn watch(events: SyncSender<RouterEvent>) -> Result<(), NodeError> {
     let watched = signals::watch(move |signal| {
         if let ProcessSignal::Stop(_) = signal {
-            // Without a receiver it is stopping already.
+            // An error means that the router is stopping already.
             let _ = events.send(RouterEvent::Stop);
         }
     });
     watched.map_err(|e| NodeError::Failed(format!("cannot follow signals: {e}")))
 }
 
-/// Writes the log, each text at most once in [`LOGGED_EVERY`], and no more than [`DIFFERENT`] texts.
+/// Writes the log, each text at most once in [`LOGGED_EVERY`] and at most [`DIFFERENT`] texts.
 fn log_until_stopped(events: &Receiver<RouterEvent>) {
     let mut throttle = Throttle::default();
     while let Ok(RouterEvent::Log(level, text)) = events.recv() {
@@ -96,16 +96,16 @@ fn log_until_stopped(events: &Receiver<RouterEvent>) {
     }
 }
 
-/// Keeps whoever is refused from filling the log.
+/// Limits the rate of log entries, so that a client whose messages are refused cannot fill the log.
 #[derive(Default)]
 struct Throttle {
-    /// When each text was logged last, and how often it came since.
+    /// Time at which each text was logged last, and its number of occurrences since.
     logged: HashMap<String, (Instant, u64)>,
     is_full: bool,
 }
 
 impl Throttle {
-    /// The line to log for a text that arrives now.
+    /// The line to log for a text that occurs now, if any.
     fn pass(&mut self, text: String, now: Instant) -> Option<String> {
         if let Some((last, unlogged)) = self.logged.get_mut(&text) {
             *unlogged += 1;
@@ -134,7 +134,7 @@ impl Throttle {
 mod tests {
     use super::*;
 
-    // Fails if somebody who tries everything fills the disk, or silences what comes later.
+    // Fails if a client that tries many forbidden actions fills the disk, or suppresses later log entries.
     #[test]
     fn a_flood_is_not_logged() {
         let (mut throttle, start) = (Throttle::default(), Instant::now());

@@ -1,4 +1,5 @@
-//! Looks for a router before the nodes start (`ZENOH_ROUTER_CHECK_ATTEMPTS`): without a router, nodes do not find each other.
+//! Check for a router before the nodes start (`ZENOH_ROUTER_CHECK_ATTEMPTS`). Without a router, nodes do not discover
+//! each other.
 
 use std::{
     thread,
@@ -10,8 +11,8 @@ use zenoh::{Session, Wait};
 const ATTEMPT: Duration = Duration::from_secs(1);
 const POLL: Duration = Duration::from_millis(20);
 
-/// Waits until the session is connected to a router, for so many attempts, and warns if it is not. The session goes on
-/// trying.
+/// Waits until the session is connected to a router, for at most this number of attempts, and warns if it is not. The
+/// session continues to try to connect.
 pub(super) fn wait_for_router(session: &Session, attempts: Option<u64>) {
     let Some(attempts) = attempts else { return };
     for attempt in 1..=attempts {

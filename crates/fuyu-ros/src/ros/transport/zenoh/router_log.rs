@@ -1,4 +1,5 @@
-//! Log of a router: warnings of Zenoh, and messages that access control refuses, which Zenoh itself does not report.
+//! Log of a router: warnings of Zenoh, and messages refused by access control, which Zenoh itself does not report as
+//! warnings.
 
 use std::{
     collections::HashMap,
@@ -16,14 +17,15 @@ use tracing_subscriber::{
     util::SubscriberInitExt,
 };
 
-/// Says at level TRACE what is allowed and what is not.
+/// Log target of access control: reports at level TRACE what is allowed and what is refused.
 const ACCESS_CONTROL: &str = "zenoh::net::routing::interceptor::access_control";
-/// Says at level DEBUG why a connection has ended: a message that was changed or repeated, for example.
+/// Log target of connections: reports at level DEBUG why a connection has ended, such as a manipulated or replayed
+/// message.
 const LINKS: &str = "zenoh_transport::unicast::universal::link";
-/// Says where it listens.
+/// Log target of fuyu's router: reports the addresses at which it listens.
 const ROUTER: &str = "fuyu_ros::ros::transport::zenoh::router";
 
-/// Most sessions whose roles are remembered.
+/// Largest number of sessions whose roles are remembered.
 const REMEMBERED: usize = 1024;
 
 /// The log of a router.
@@ -33,7 +35,7 @@ pub struct RouterLog<F> {
 }
 
 impl<F: Fn(Level, String) + Send + Sync + 'static> RouterLog<F> {
-    /// Passes on what routers of this process have to say from now on. Does nothing if the process has a log already.
+    /// Passes the log of this process's routers to `sink` from now on. No effect if the process has a log already.
     pub fn start(sink: F) {
         let log = Self {
             sink,
@@ -82,7 +84,7 @@ impl<F: Fn(Level, String) + Send + Sync + 'static, S: Subscriber> Layer<S> for R
     }
 }
 
-/// A message without the place in Zenoh's source that many of them end with: ` at /path/unicast.rs:163.`
+/// Removes the location in Zenoh's source from the end of a message: ` at /path/unicast.rs:163.`
 fn without_source(mut text: String) -> String {
     if let Some((message, place)) = text.rsplit_once(" at /")
         && place.contains(".rs:")
@@ -93,7 +95,7 @@ fn without_source(mut text: String) -> String {
     text
 }
 
-/// A failed handshake, without Zenoh's guess at what the reason may be.
+/// Message about a failed handshake, without Zenoh's guess at the reason.
 fn refused_connection(message: String) -> String {
     match message.strip_suffix(". Hint: increase the system open file limit.") {
         Some(why) if !why.contains("Too many open files") => {
@@ -103,16 +105,17 @@ fn refused_connection(message: String) -> String {
     }
 }
 
-/// What access control says of a message: `ZID on NAME is unauthorized to ACTION on KEY` when a key is declared, for each
-/// action that could follow, and `Using cached result: ZID is unauthorized to ACTION on KEY` when one does follow.
+/// Interprets the messages of access control: `ZID on NAME is unauthorized to ACTION on KEY` when a key is declared,
+/// for each possible action, and `Using cached result: ZID is unauthorized to ACTION on KEY` when an action is
+/// attempted.
 #[derive(Default)]
 struct AccessControl {
-    /// Roles of sessions, by their Zenoh ids.
+    /// Roles of sessions by Zenoh id.
     roles: Mutex<HashMap<String, String>>,
 }
 
 impl AccessControl {
-    /// Refused actions of a session.
+    /// Log text if the message reports a refused action of a session.
     fn refusal(&self, message: &str) -> Option<String> {
         let mut roles = self.roles.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(result) = message.strip_prefix("Using cached result: ") else {
@@ -127,7 +130,8 @@ impl AccessControl {
             return None;
         };
         let (zid, what) = result.split_once(" is unauthorized to ")?;
-        // What the router does not pass on to a session is no attempt of that session, and to offer something does nothing.
+        // Only actions that a session attempts are reported: not messages that the router withholds from it, nor its
+        // declarations.
         let (action, key) = what.split_once(" (ingress) on ")?;
         let verb = match action {
             "Put" | "Delete" => "publish",
@@ -142,7 +146,8 @@ impl AccessControl {
     }
 }
 
-/// The name in the certificate of a subject, `Interface(lo)+CertCommonName(viewer)+Transport(Tls)`; all of it without one.
+/// Common name of the certificate in a subject such as `Interface(lo)+CertCommonName(viewer)+Transport(Tls)`; the whole
+/// subject if there is none.
 fn common_name(subject: &str) -> &str {
     let name = subject.split_once("CertCommonName(");
     let name = name.and_then(|(_, rest)| rest.split_once(')'));
@@ -173,7 +178,7 @@ mod tests {
         assert_eq!(without_source("listens at /x".to_owned()), "listens at /x");
     }
 
-    // Fails if what could be refused is reported like what has been.
+    // Fails if an action that would be refused is reported like one that has been refused.
     #[test]
     fn only_attempts_are_refusals() {
         let log = AccessControl::default();

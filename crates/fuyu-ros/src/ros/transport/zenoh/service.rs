@@ -1,4 +1,4 @@
-//! Service servers: a server is a queryable, a call a query, and its reply the reply to the query.
+//! Service servers. A server is a Zenoh queryable, a call is a query, and the response is a reply to the query.
 
 use bytes::Bytes;
 use std::{
@@ -15,23 +15,23 @@ use crate::ros::{
     transport::WireWriter,
 };
 
-/// Requests that may wait for their reply; beyond it the oldest ends without one.
+/// Largest number of requests that wait for their reply; beyond it the oldest ends without one.
 const WAITING: usize = 4096;
 
-/// Sum of the lengths of such requests; beyond it the oldest end without a reply \[bytes\].
+/// Largest total length of these requests \[bytes\]; beyond it the oldest end without a reply.
 const WAITING_BYTES: usize = 16 << 20;
 
-/// Requests that are remembered after their reply, so that one that arrives again is not served again.
+/// Number of requests that are remembered after their reply, so that a repeated request is not served again.
 const REMEMBERED: usize = 4096;
 
-/// Replies that are kept for such requests: the longest, and the sum of their lengths \[bytes\].
+/// Limits of the replies that are kept for these requests: length of one, and total length \[bytes\].
 const LONGEST_REPLY: usize = 64 << 10;
 const KEPT_REPLIES: usize = 8 << 20;
 
-/// Queries of one request that get its reply.
+/// Largest number of queries that get the reply to one request.
 const QUERIES: usize = 8;
 
-/// A service of a node. Nodes are told apart by the address of their names.
+/// A service of a node. The address of the node's name identifies the node.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) struct ServiceOfNode {
     node: usize,
@@ -51,30 +51,30 @@ impl ServiceOfNode {
     }
 }
 
-/// The requests to the services of a session.
+/// Requests to the services of a session.
 #[derive(Default)]
 pub(super) struct PendingQueries {
     inner: Mutex<Requests>,
 }
 
-/// A service, and the request.
+/// Key of a request: service, GID of the client, sequence number.
 type Question = (ServiceOfNode, Gid, i64);
 
 #[derive(Default)]
 struct Requests {
     requests: HashMap<Question, Request>,
-    /// Those without a reply, in order of arrival.
+    /// Requests without a reply, in order of arrival.
     waiting: VecDeque<Question>,
-    /// Sum of their lengths \[bytes\].
+    /// Total length of these requests \[bytes\].
     waiting_bytes: usize,
-    /// Those with one, in order of their replies.
+    /// Requests with a reply, in order of the replies.
     answered: VecDeque<Question>,
-    /// Sum of the lengths of the replies \[bytes\].
+    /// Total length of the kept replies \[bytes\].
     kept: usize,
 }
 
 struct Request {
-    /// Some clients give all their requests the same number, but not the same time.
+    /// Time of publication. It distinguishes requests of clients that give all requests the same number.
     time: Time,
     /// Length of the request \[bytes\].
     length: usize,
@@ -82,26 +82,27 @@ struct Request {
 }
 
 enum RequestState {
-    /// The same request may arrive by several queries: over two routes, or again after the first query ended.
+    /// Waiting for the reply. The same request may arrive in several queries: over two routes, or again after the first
+    /// query has ended.
     Waiting(Vec<Query>),
-    /// Its reply, unless that is too long to be kept.
+    /// Replied, with the reply unless it is too long to be kept.
     Answered(Option<Bytes>),
 }
 
-/// A query that arrived at a server.
+/// Classification of a query that arrived at a server.
 pub(super) enum Received {
-    /// To be served.
+    /// New request, to be served.
     Request(RawSample),
-    /// A request that is being served, or whose reply is not kept.
+    /// Duplicate of a request that is being served, or whose reply was not kept.
     Duplicate,
-    /// A request that has been served, with its reply.
+    /// Duplicate of a request that has been served, with its reply.
     Answered(Query, Bytes, SampleIdentity),
-    /// Not a request of rmw_zenoh.
+    /// Not a request in the format of rmw_zenoh.
     Invalid,
 }
 
 impl PendingQueries {
-    /// Keeps a query until its reply.
+    /// Classifies a query, and keeps it until its reply.
     pub(super) fn keep(&self, service: &ServiceOfNode, query: Query) -> Received {
         let attachment = query.attachment().map(|a| a.to_bytes());
         let attachment = attachment.and_then(|a| Attachment::decode(&a));
@@ -134,7 +135,7 @@ impl PendingQueries {
             state: RequestState::Waiting(vec![query]),
         };
         let mut ended = vec![guard.forget_one(&question)];
-        // One that is longer than all may be together is served alone.
+        // A single request that exceeds the limit is served if no other waits.
         while (guard.waiting.len() >= WAITING || guard.waiting_bytes + cdr.len() > WAITING_BYTES)
             && let Some(oldest) = guard.waiting.front().cloned()
         {
@@ -143,13 +144,13 @@ impl PendingQueries {
         guard.waiting.push_back(question.clone());
         guard.waiting_bytes += request.length;
         guard.requests.insert(question, request);
-        // Queries end when they are dropped, and that sends: not while others wait for the lock.
+        // Dropping a query ends it, which sends a message; so this happens without the lock.
         drop(guard);
         drop(ended);
         Received::Request(received(cdr, attachment, None))
     }
 
-    /// The queries of a request, and keeps its reply.
+    /// Takes the queries of a request, and keeps its reply.
     fn answer(
         &self,
         service: &ServiceOfNode,
@@ -181,7 +182,7 @@ impl PendingQueries {
         queries
     }
 
-    /// Ends the queries of a service that is no longer there, and forgets its requests.
+    /// Ends the queries of a removed service, and removes its requests.
     pub(super) fn forget(&self, service: &ServiceOfNode) {
         let mut guard = self.lock();
         let of_service = guard.requests.keys().filter(|(other, ..)| other == service);
@@ -199,7 +200,7 @@ impl PendingQueries {
 }
 
 impl Requests {
-    /// Forgets a request, if it is known. Its queries end when the result is dropped.
+    /// Removes a request, if known. Its queries end when the result is dropped.
     fn forget_one(&mut self, question: &Question) -> Option<Request> {
         let request = self.requests.remove(question)?;
         let order = match &request.state {
@@ -212,7 +213,7 @@ impl Requests {
                 &mut self.answered
             }
         };
-        // The oldest, as a rule.
+        // Usually the oldest.
         let at = order.iter().position(|other| other == question);
         at.and_then(|at| order.remove(at));
         Some(request)
@@ -236,7 +237,7 @@ pub(super) fn reply(
     reply.wait().is_ok()
 }
 
-/// A sample as it arrived. `related` is the request that it replies to.
+/// Creates a sample. `related` is the request that it replies to.
 pub(super) fn received(
     cdr: Bytes,
     attachment: Attachment,
@@ -254,7 +255,7 @@ pub(super) fn received(
     }
 }
 
-/// The replies of a service server.
+/// Wire of a service server's replies.
 pub(super) struct ReplyWriter {
     pub(super) gid: Gid,
     pub(super) service: ServiceOfNode,

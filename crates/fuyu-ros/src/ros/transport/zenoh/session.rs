@@ -1,4 +1,4 @@
-//! A Zenoh session with the endpoints of the nodes of a participant.
+//! A Zenoh session with the endpoints of a participant's nodes.
 
 use std::{
     collections::HashMap,
@@ -30,7 +30,7 @@ pub(super) struct ZenohSession {
     shared: Shared,
     graph: Arc<ZenohGraph>,
     nodes: Vec<NodeInGraph>,
-    /// By the address of the subscription, which is kept.
+    /// Receivers by the address of their subscription, which is kept alive.
     readers: HashMap<usize, (Arc<Reader>, ZenohReader)>,
     replies: Arc<ReplyReaders>,
     pending: Arc<PendingQueries>,
@@ -39,7 +39,7 @@ pub(super) struct ZenohSession {
     _tokens: Subscriber<()>,
 }
 
-/// A node with its token.
+/// An announced node.
 struct NodeInGraph {
     name: Arc<NodeName>,
     id: u64,
@@ -47,7 +47,7 @@ struct NodeInGraph {
 }
 
 impl ZenohSession {
-    /// A session with every endpoint of `shared`. Threads inherit the caller's signal mask.
+    /// Opens a session with all endpoints of `shared`. Its threads inherit the caller's signal mask.
     pub(super) fn open(
         domain: Domain,
         config: &ZenohConfig,
@@ -95,7 +95,7 @@ impl ZenohSession {
         self.next - 1
     }
 
-    /// Announces an entity. Returns its identity and its token.
+    /// Announces an endpoint. Returns its GID and its token.
     fn declare(
         &mut self,
         node: &Arc<NodeName>,
@@ -131,7 +131,7 @@ impl ZenohSession {
         Ok((gid, declared.map_err(TransportError::other)?))
     }
 
-    /// The number of a node, which is announced if it is new.
+    /// Number of a node in the session; announces the node if it is new.
     fn node_id(&mut self, node: &Arc<NodeName>) -> Result<u64, TransportError> {
         let known = self.nodes.iter().find(|n| Arc::ptr_eq(&n.name, node));
         if let Some(known) = known {
@@ -150,7 +150,7 @@ impl ZenohSession {
     fn reply_writer(&self, writer: &Writer, key: &TopicKey) -> ReplyWriter {
         let key = key.data(self.domain);
         ReplyWriter {
-            // Nobody sees it: replies state the identity of the client.
+            // Not visible to peers: replies state the GID of the client.
             gid: writer.identity(),
             service: ServiceOfNode::new(&writer.node, &writer.spec.name),
             key,
@@ -235,7 +235,7 @@ impl Session for ZenohSession {
             }
             Role::Reply(_) => self.replies.remove(reader),
         }
-        // Its token goes with it.
+        // Dropping the receiver also removes its token.
     }
 
     fn announce(&mut self) {

@@ -24,13 +24,14 @@ use crate::ros::{
     transport::{TransportError, WireWriter},
 };
 
-/// Longest time between heartbeats of a reliable transient-local publisher, by which subscriptions notice lost samples.
+/// Longest time between heartbeats of a reliable transient-local publisher, with which subscriptions detect lost
+/// samples.
 const HEARTBEAT: Duration = Duration::from_millis(500);
 
-/// How long subscriptions may be announced and yet not matched, for example while a session connects again.
+/// Time that subscriptions may be announced but not matched, for example while a session reconnects.
 const UNMATCHED: Duration = Duration::from_secs(5);
 
-/// Notices that the router tells of no subscription, although there are some.
+/// Detects that the router reports no subscription to this publisher although some are announced.
 #[derive(Default)]
 struct Unheard {
     since: Option<Instant>,
@@ -38,7 +39,7 @@ struct Unheard {
 }
 
 impl Unheard {
-    /// Whether to report it now; once.
+    /// Whether to report the problem now; true once.
     fn is_new(&mut self, is_unheard: bool) -> bool {
         if !is_unheard {
             *self = Self::default();
@@ -51,20 +52,21 @@ impl Unheard {
     }
 }
 
-/// A publisher.
+/// Wire of a publisher.
 pub(super) struct TopicWriter {
     publisher: AdvancedPublisher<'static>,
     gid: Gid,
-    /// Number of the last message, locked while it is handed over, so that numbers and messages have one order.
+    /// Sequence number of the last message; locked while the message is sent, so that messages are in the order of
+    /// their numbers.
     number: Mutex<i64>,
-    /// Whose wire this is.
+    /// The publisher that this wire belongs to.
     writer: Weak<Writer>,
     unheard: Mutex<Unheard>,
     _token: LivelinessToken,
 }
 
 impl TopicWriter {
-    /// Publishes at `key`, with options as rmw_zenoh sets them.
+    /// Publishes to `key`, with the options of rmw_zenoh.
     pub(super) fn new(
         session: &Session,
         key: String,
@@ -84,7 +86,7 @@ impl TopicWriter {
             .declare_publisher(key)
             .congestion_control(congestion_control)
             .reliability(reliability)
-            // Subscriptions of this session have it already.
+            // Subscriptions of this session receive the message in memory.
             .allowed_destination(Locality::Remote)
             .advanced();
         if qos.durability == Durability::TransientLocal {
@@ -96,7 +98,7 @@ impl TopicWriter {
             }
         }
         let publisher = builder.wait().map_err(TransportError::other)?;
-        // Some subscribers are not of ROS, and have no token.
+        // Subscribers that are not ROS nodes have no token.
         let weak = Arc::downgrade(writer);
         publisher
             .matching_listener()
@@ -118,7 +120,8 @@ impl TopicWriter {
         })
     }
 
-    /// Warns if subscriptions are announced of which the router does not tell: it may not let this session publish to them.
+    /// Warns if subscriptions are announced but the router reports none: it may not permit this session to publish to
+    /// them.
     fn warn_if_unheard(&self) {
         let Some(writer) = self.writer.upgrade() else {
             return;
@@ -162,7 +165,7 @@ impl WireWriter for TopicWriter {
     }
 
     fn wait_for_all_acked(&self, _: Duration) -> bool {
-        // Zenoh has no acknowledgements; what is in the queue of a link leaves before the session closes.
+        // Zenoh has no acknowledgements. Messages in the queue of a link are sent before the session closes.
         true
     }
 }
