@@ -65,8 +65,8 @@ impl Held {
     ) -> Result<(Self, [f64; 7]), fuyu::dynamics::capture::CaptureError> {
         grasp.check_separation(&robot, &target, limits.0, limits.1)?;
         let (captured, impulses) = Captured::new(&robot, &target, grasp, method)?;
-        captured.show_robot(&mut robot);
-        captured.show_target(&mut target);
+        captured.copy_robot_to(&mut robot);
+        captured.copy_target_to(&mut target);
         let on_tip = &impulses.on_first[0];
         let mut found = [impulses.energy_lost; 7];
         found[..3].copy_from_slice(on_tip.force.as_slice());
@@ -98,8 +98,8 @@ impl Held {
     }
 
     fn show(&mut self) {
-        self.captured.show_robot(&mut self.robot);
-        self.captured.show_target(&mut self.target);
+        self.captured.copy_robot_to(&mut self.robot);
+        self.captured.copy_target_to(&mut self.target);
     }
 }
 

@@ -5,7 +5,7 @@ use super::{
     Figures, Fleet,
     simulation::{Observed, Stop, answer, is_over},
 };
-use crate::{dynamics::Together, nodes::dynamics::EffortTick, vision::PoseFrame};
+use crate::{dynamics::SimdGroup, nodes::dynamics::EffortTick, vision::PoseFrame};
 
 /// One of the runs.
 struct Run<'a> {
@@ -101,7 +101,7 @@ pub fn simulate_together(
 }
 
 /// Whether the robot of `fleet` can be stepped in `lanes`, which are created for the first suitable robot.
-fn fits(lanes: &mut Option<Together>, fleet: &mut Fleet) -> bool {
+fn fits(lanes: &mut Option<SimdGroup>, fleet: &mut Fleet) -> bool {
     let Some(robot) = fleet.only_robot() else {
         return false;
     };
@@ -109,13 +109,13 @@ fn fits(lanes: &mut Option<Together>, fleet: &mut Fleet) -> bool {
         return false;
     };
     if lanes.is_none() {
-        *lanes = Together::new(robot);
+        *lanes = SimdGroup::new(robot);
     }
     (lanes.as_ref()).is_some_and(|lanes| lanes.fits(robot))
 }
 
 /// Computes the steps of all held ticks in progress.
-fn step_together(lanes: &mut Option<Together>, runs: &mut [Run]) {
+fn step_together(lanes: &mut Option<SimdGroup>, runs: &mut [Run]) {
     let Some(lanes) = lanes else { return };
     let mut rest: Vec<_> = runs
         .iter_mut()

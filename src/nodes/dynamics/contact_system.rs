@@ -150,7 +150,7 @@ impl ContactSystem {
             self.failure = Some(e);
             return;
         }
-        self.world.show(0, robot);
+        self.world.copy_state_to(0, robot);
         let events: Vec<_> = self.world.take_events().collect();
         for event in &events {
             let links = event.colliders.map(|c| self.first_of_link(c));

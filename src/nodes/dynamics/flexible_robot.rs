@@ -64,8 +64,8 @@ impl FlexibleRobot {
             return Err(CaptureError::SecondGrasp(robot));
         }
         let (captured, impulse) = CapturedGyrostat::new(&self.own, target, grasp, method)?;
-        captured.show_robot(&mut self.own);
-        captured.show_target(target);
+        captured.copy_robot_to(&mut self.own);
+        captured.copy_target_to(target);
         self.held = Some(Held {
             target: name.to_owned(),
             captured,
@@ -88,9 +88,9 @@ impl FlexibleRobot {
     }
 
     /// Copies the motion of the held target in the joined system to `target`.
-    pub fn show_target(&self, target: &mut Floating) {
+    pub fn copy_target_to(&self, target: &mut Floating) {
         if let Some(held) = &self.held {
-            held.captured.show_target(target);
+            held.captured.copy_target_to(target);
         }
     }
 
@@ -105,7 +105,7 @@ impl FlexibleRobot {
         match &mut self.held {
             Some(held) => {
                 held.captured.hold_robot_input(&self.own);
-                held.captured.show_robot_accelerations(&mut self.own);
+                held.captured.copy_robot_accelerations_to(&mut self.own);
             }
             None => self.own.set_accelerations(),
         }
@@ -117,7 +117,7 @@ impl FlexibleRobot {
             Some(held) => {
                 held.captured.hold_robot_input(&self.own);
                 held.captured.step(dt, steps);
-                held.captured.show_robot(&mut self.own);
+                held.captured.copy_robot_to(&mut self.own);
             }
             None => self.own.step(dt, steps),
         }
@@ -128,7 +128,7 @@ impl FlexibleRobot {
         match &mut self.held {
             Some(held) => {
                 held.captured.step_with(dt, &mut self.own, forcing);
-                held.captured.show_robot(&mut self.own);
+                held.captured.copy_robot_to(&mut self.own);
             }
             None => self.own.step_with(dt, forcing),
         }

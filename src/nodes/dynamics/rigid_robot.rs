@@ -139,8 +139,8 @@ impl RigidRobot {
             }
         };
         if let Some(held) = &self.held {
-            held.captured.show_robot(&mut self.own);
-            held.captured.show_target(target);
+            held.captured.copy_robot_to(&mut self.own);
+            held.captured.copy_target_to(target);
         }
         Ok(impulse.energy_lost)
     }
@@ -160,9 +160,9 @@ impl RigidRobot {
     }
 
     /// Copies the motion of the held target in the joined system to `target`.
-    pub fn show_target(&self, target: &mut Floating) {
+    pub fn copy_target_to(&self, target: &mut Floating) {
         if let Some(held) = &self.held {
-            held.captured.show_target(target);
+            held.captured.copy_target_to(target);
         }
     }
 
@@ -183,7 +183,7 @@ impl RigidRobot {
                 {
                     contact_system.add_wrenches(joined);
                 }
-                held.captured.show_robot_accelerations(&mut self.own);
+                held.captured.copy_robot_accelerations_to(&mut self.own);
             }
             None => match current_system(&mut self.contact_system, &self.own) {
                 Some(contact_system) => contact_system.set_accelerations(&mut self.own),
@@ -205,7 +205,7 @@ impl RigidRobot {
                     }
                     None => held.captured.step(dt, steps),
                 }
-                held.captured.show_robot(&mut self.own);
+                held.captured.copy_robot_to(&mut self.own);
             }
             None => match current_system(&mut self.contact_system, &self.own) {
                 Some(contact_system) => contact_system.step(&mut self.own, dt * steps as f64),
@@ -230,7 +230,7 @@ impl RigidRobot {
                     }
                     None => (held.captured).step_with(dt, input, forcing),
                 }
-                held.captured.show_robot(&mut self.own);
+                held.captured.copy_robot_to(&mut self.own);
             }
             None => match current_system(&mut self.contact_system, &self.own) {
                 Some(contact_system) => contact_system.step_with(&mut self.own, dt, forcing),

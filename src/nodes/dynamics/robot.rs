@@ -175,10 +175,10 @@ impl Robot {
     }
 
     /// Copies the motion of the held target in the joined system to `target`.
-    pub(super) fn show_target(&self, target: &mut Floating) {
+    pub(super) fn copy_target_to(&self, target: &mut Floating) {
         match self {
-            Self::Rigid(robot) => robot.show_target(target),
-            Self::Flexible(robot) => robot.show_target(target),
+            Self::Rigid(robot) => robot.copy_target_to(target),
+            Self::Flexible(robot) => robot.copy_target_to(target),
         }
     }
 

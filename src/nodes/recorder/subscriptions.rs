@@ -8,7 +8,7 @@ use std::{
 
 use super::{Selection, recording_session::RecordingSession};
 use crate::{
-    bag::{self, GATHERING},
+    bag::{self, BATCHING_DELAY},
     nodes::topics,
     ros::{DiscoveredPublisher, LocalTopicUse, Node, NodeError, Qos, RawSubscription},
 };
@@ -174,7 +174,7 @@ impl TopicSubscriptions {
         let take = move |sample| sink.take(sample);
         let node = &self.node;
         let (full_name, qos) = (name.clone(), reading(offered));
-        let state = match node.subscribe_patiently(full_name, &kind, qos, GATHERING, take) {
+        let state = match node.subscribe_patiently(full_name, &kind, qos, BATCHING_DELAY, take) {
             Ok(subscription) => State::Subscribed {
                 _subscription: subscription,
                 stays,

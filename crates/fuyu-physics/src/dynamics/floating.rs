@@ -244,7 +244,7 @@ impl Floating {
     }
 
     /// Sets the accelerations of all bodies in the workspace from those of base and joints.
-    pub(super) fn show_accelerations(&mut self, A_WB_B: Twist, qdd: &[f64]) {
+    pub(super) fn copy_accelerations_to(&mut self, A_WB_B: Twist, qdd: &[f64]) {
         self.workspace.set_positions(&self.state.q);
         self.workspace.set_motion(&self.state);
         self.workspace.propagate_accelerations(A_WB_B, qdd);

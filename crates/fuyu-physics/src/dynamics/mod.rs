@@ -88,7 +88,7 @@ mod workspace;
 
 pub use articulated_body::ArticulatedBody;
 #[cfg(feature = "batch")]
-pub use batch::{Batch, EffortRows, Together};
+pub use batch::{Batch, EffortRows, SimdGroup};
 pub use floating::Floating;
 pub use formulation::{
     Evaluation, Formulation, FormulationKind, ForwardDynamics, TreeAcceleration, TreeMotion,

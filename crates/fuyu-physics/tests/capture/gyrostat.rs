@@ -161,10 +161,10 @@ fn compare(at: &str, found: &CapturedGyrostat, expected: &Captured, tolerance: f
     };
     let (mut robot, mut tree, mut target) = scene();
     let mut other = target.clone();
-    found.show_robot(&mut robot);
-    expected.show_robot(&mut tree);
-    found.show_target(&mut target);
-    expected.show_target(&mut other);
+    found.copy_robot_to(&mut robot);
+    expected.copy_robot_to(&mut tree);
+    found.copy_target_to(&mut target);
+    expected.copy_target_to(&mut other);
     let (state, whole) = (robot.state(), tree.state());
     near_base(&near, &robot, &tree);
     for name in ["upper_joint", "hand_joint"] {
@@ -260,8 +260,8 @@ fn a_gyrostat_captures_moves_and_releases_as_a_tree_with_the_wheels_as_links() {
         assert!((before.1 - after.1).norm() < 1e-13 * before.1.norm().max(1.0));
 
         for second in 0..5 {
-            found.show_robot(&mut robot);
-            expected.show_robot(&mut tree);
+            found.copy_robot_to(&mut robot);
+            expected.copy_robot_to(&mut tree);
             // One second of thrust, and the torques of the wheels all the time.
             hold(&mut robot, &mut tree, if second == 2 { 1.0 } else { 0.0 });
             expected.hold_robot_input(tree.input());
@@ -272,7 +272,7 @@ fn a_gyrostat_captures_moves_and_releases_as_a_tree_with_the_wheels_as_links() {
                 for _ in 0..100 {
                     let mut keep = |_: f64, _: &FlexibleState, _: &mut FlexibleInput| {};
                     found.step_with(STEP, &mut robot, &mut keep);
-                    found.show_robot(&mut robot);
+                    found.copy_robot_to(&mut robot);
                 }
             }
             expected.step(STEP, 100);
@@ -283,10 +283,10 @@ fn a_gyrostat_captures_moves_and_releases_as_a_tree_with_the_wheels_as_links() {
                 1e-9,
             );
         }
-        found.show_robot(&mut robot);
-        expected.show_robot(&mut tree);
-        found.show_robot_accelerations(&mut robot);
-        expected.show_robot_accelerations(&mut tree);
+        found.copy_robot_to(&mut robot);
+        expected.copy_robot_to(&mut tree);
+        found.copy_robot_accelerations_to(&mut robot);
+        expected.copy_robot_accelerations_to(&mut tree);
         let hands = [robot.model(), tree.model()].map(|model| model.frame("hand").unwrap());
         let A = robot.workspace().A_WF_B(hands[0]);
         let A_other = tree.workspace().A_WF_B(hands[1]);
@@ -329,7 +329,7 @@ fn wheels_turn_on_where_brakes_stop_the_arm() {
     let energy = captured.floating().energy();
     captured.step(0.01, 500);
     let mut shown = robot.clone();
-    captured.show_robot(&mut shown);
+    captured.copy_robot_to(&mut shown);
     assert_eq!(shown.state().tree.q, robot.state().tree.q);
     assert_eq!(shown.state().tree.qd, DVector::zeros(2));
     let change = shown.state().wheel_speeds()[0] - SPEEDS[0];

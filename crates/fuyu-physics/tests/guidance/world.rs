@@ -249,8 +249,8 @@ impl World {
             Some(held) => {
                 held.hold_robot_input(self.robot.input());
                 held.step(PERIOD, 1);
-                held.show_robot(&mut self.robot);
-                held.show_target(&mut self.target);
+                held.copy_robot_to(&mut self.robot);
+                held.copy_target_to(&mut self.target);
             }
             None => {
                 self.robot.step(PERIOD, 1);
@@ -280,8 +280,8 @@ impl World {
                 .is_ok()
             {
                 let (held, _) = Captured::new(&self.robot, &self.target, &grasp, METHOD).unwrap();
-                held.show_robot(&mut self.robot);
-                held.show_target(&mut self.target);
+                held.copy_robot_to(&mut self.robot);
+                held.copy_target_to(&mut self.target);
                 self.held = Some(held);
                 self.X_TK = X_BF;
                 return;

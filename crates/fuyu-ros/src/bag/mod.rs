@@ -52,7 +52,7 @@ pub use mcap_file::Damage;
 pub use qos::{Durability, History, Liveliness, Qos, QosDuration, Reliability};
 pub use reader::{Bag, Message, Messages, RecordedTopic, Stamped};
 pub use recorder::{
-    GATHERING, QUEUE_BYTES, Recorder, RecorderHandle, RecorderStatus, RecorderTopic,
+    BATCHING_DELAY, QUEUE_BYTES, Recorder, RecorderHandle, RecorderStatus, RecorderTopic,
 };
 pub use recover::{Recovery, recover};
 pub use writer::{Compression, Recording, Topic, TopicId, Writer, WriterOptions};

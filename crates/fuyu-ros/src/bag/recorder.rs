@@ -13,11 +13,11 @@ use super::disk_space::DiskSpace;
 use super::{BagError, Recording, Topic, Writer};
 
 /// Longest time that a message stays in an open chunk. A killed process loses the open chunk and the messages that wait
-/// for the thread: at most one second of messages, including a wait of [`GATHERING`] before they are enqueued.
+/// for the thread: at most one second of messages, including a wait of [`BATCHING_DELAY`] before they are enqueued.
 const CHUNK_AGE: Duration = Duration::from_millis(900);
 
 /// How long messages may wait for the writing thread, which then writes several at once instead of waking for each.
-pub const GATHERING: Duration = Duration::from_millis(50);
+pub const BATCHING_DELAY: Duration = Duration::from_millis(50);
 
 /// Queue capacity in bytes before messages are dropped: more than three seconds at 20 MB/s.
 pub const QUEUE_BYTES: usize = 64 << 20;
@@ -349,7 +349,7 @@ fn run(
         let mut waiting = receiver.try_recv();
         if gathers && matches!(waiting, Err(TryRecvError::Empty)) {
             gathers = false;
-            thread::park_timeout(GATHERING);
+            thread::park_timeout(BATCHING_DELAY);
             waiting = receiver.try_recv();
         }
         let entry = match (waiting, due) {

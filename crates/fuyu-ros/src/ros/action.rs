@@ -27,7 +27,7 @@ const KEPT: Duration = Duration::from_secs(15 * 60);
 /// if none has ended, new goals are rejected.
 const KNOWN: usize = 64;
 /// Largest number of pending requests for the result of a goal that has not ended.
-const MAX_ASKING: usize = 64;
+const MAX_RESULT_REQUESTS: usize = 64;
 
 /// Serves an action until it is dropped. Goals wait in a queue until the program takes them; a new goal wakes the
 /// program.
@@ -55,7 +55,7 @@ struct Known<A: Action> {
     status: i8,
     outcome: Option<A::Outcome>,
     ended: Option<Instant>,
-    asking: Vec<Reply<A::GetResult>>,
+    result_requests: Vec<Reply<A::GetResult>>,
 }
 
 impl<A: Action> ActionServer<A> {
@@ -314,7 +314,7 @@ impl<A: Action> Shared<A> {
             status: GoalStatus::STATUS_ACCEPTED,
             outcome: None,
             ended: None,
-            asking: Vec::new(),
+            result_requests: Vec::new(),
         });
         self.publish(&goals);
         Some(stamp)
@@ -359,7 +359,9 @@ impl<A: Action> Shared<A> {
             )),
             Some(known) => match &known.outcome {
                 Some(outcome) => reply.send(&A::result_response(known.status, outcome.clone())),
-                None if known.asking.len() < MAX_ASKING => known.asking.push(reply),
+                None if known.result_requests.len() < MAX_RESULT_REQUESTS => {
+                    known.result_requests.push(reply)
+                }
                 // Too many requests are pending: a client keeps repeating its request for a result that does not exist
                 // yet.
                 None => {}
@@ -383,7 +385,7 @@ impl<A: Action> Shared<A> {
         };
         known.status = status;
         known.ended = Some(Instant::now());
-        for reply in known.asking.drain(..) {
+        for reply in known.result_requests.drain(..) {
             reply.send(&A::result_response(status, outcome.clone()));
         }
         known.outcome = Some(outcome);

@@ -482,7 +482,7 @@ impl World {
             return;
         };
         if let Ok(index) = self.target_index(held) {
-            self.robot.show_target(&mut self.targets[index].body);
+            self.robot.copy_target_to(&mut self.targets[index].body);
         }
     }
 

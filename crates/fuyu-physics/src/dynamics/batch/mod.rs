@@ -4,7 +4,7 @@ mod block;
 mod joints;
 mod lanes;
 mod rows;
-mod together;
+mod simd_group;
 
 use std::any::Any;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use self::block::{Block, put, read};
 use self::joints::JointScratch;
 use self::lanes::LaneStepper;
 pub use self::rows::EffortRows;
-pub use self::together::Together;
+pub use self::simd_group::SimdGroup;
 use super::joint_physics::JointSteps;
 use super::kernel::{GROUP_SIZE, Tree};
 use super::{InstructionSets, IntegrationMethod, JointPhysics, State, Tableau, checks};

@@ -169,7 +169,7 @@ impl CapturedGyrostat {
     ///
     /// # Panics
     /// If it is another robot.
-    pub fn show_robot(&self, robot: &mut FlexibleFloating) {
+    pub fn copy_robot_to(&self, robot: &mut FlexibleFloating) {
         let whole = self.floating.state();
         let (X_WB, V_WB_B) = (self.floating.X_WB(), self.floating.workspace().V_WB_B());
         robot.change_state_with(|state, own| {
@@ -180,21 +180,21 @@ impl CapturedGyrostat {
         });
     }
 
-    /// As [`Captured::show_target`].
-    pub fn show_target(&self, target: &mut Floating) {
-        self.locked.show_target(target);
+    /// As [`Captured::copy_target_to`].
+    pub fn copy_target_to(&self, target: &mut Floating) {
+        self.locked.copy_target_to(target);
     }
 
     /// Copies the accelerations that the robot has in the joined system under the held input to `robot`, which
-    /// [`Self::show_robot`] has set.
+    /// [`Self::copy_robot_to`] has set.
     ///
     /// # Panics
     /// If it is another robot.
-    pub fn show_robot_accelerations(&mut self, robot: &mut FlexibleFloating) {
+    pub fn copy_robot_accelerations_to(&mut self, robot: &mut FlexibleFloating) {
         let accelerations = self.floating.accelerations();
         let of_robot = robot_accelerations(&self.locked.places, accelerations.joints);
         let A_WB_B = accelerations.base;
-        robot.show_accelerations(A_WB_B, &of_robot);
+        robot.copy_accelerations_to(A_WB_B, &of_robot);
     }
 
     /// States of robot and target when the grasp opens, pushed apart by `spring`. Their total momentum is that of the

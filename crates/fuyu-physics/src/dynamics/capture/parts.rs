@@ -77,7 +77,7 @@ impl Captured {
     ///
     /// # Panics
     /// If `robot` is another robot.
-    pub fn show_robot(&self, robot: &mut Floating) {
+    pub fn copy_robot_to(&self, robot: &mut Floating) {
         let (whole, workspace) = (self.floating.state(), self.floating.workspace());
         let X_WB = Isometry3::from_parts(whole.X_WB(workspace).translation, whole.R_WB);
         robot.change_state_with(|state, own| {
@@ -91,7 +91,7 @@ impl Captured {
     ///
     /// # Panics
     /// If `target` is another target.
-    pub fn show_target(&self, target: &mut Floating) {
+    pub fn copy_target_to(&self, target: &mut Floating) {
         let whole = self.floating.state();
         let (X_WO, V_W) = self.target_motion();
         let R_WO = UnitQuaternion::from_rotation_matrix(&X_WO.rotation);
@@ -110,15 +110,15 @@ impl Captured {
     }
 
     /// Copies the accelerations that the robot has in the joined system under the held input to `robot`, which
-    /// [`Self::show_robot`] has set.
+    /// [`Self::copy_robot_to`] has set.
     ///
     /// # Panics
     /// If `robot` is another robot.
-    pub fn show_robot_accelerations(&mut self, robot: &mut Floating) {
+    pub fn copy_robot_accelerations_to(&mut self, robot: &mut Floating) {
         let found = self.floating.present_accelerations();
         let qdd = robot_accelerations(&self.places, found.qdd.as_slice());
         let A_WB_B = found.A_WB_B;
-        robot.show_accelerations(A_WB_B, &qdd);
+        robot.copy_accelerations_to(A_WB_B, &qdd);
     }
 
     /// Holds this input of the robot, in the robot's order of joints and bodies, from now on, and no other input.

@@ -58,7 +58,7 @@ impl ContactWorld {
     ///
     /// # Panics
     /// If `body` is another system.
-    pub fn show(&self, i: usize, body: &mut Floating) {
+    pub fn copy_state_to(&self, i: usize, body: &mut Floating) {
         let state = self.systems[i].state();
         body.change_state(|own| own.copy_from(state));
     }

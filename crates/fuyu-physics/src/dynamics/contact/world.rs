@@ -17,14 +17,14 @@ const EVENTS: usize = 10_000;
 const STEPS: usize = 200_000;
 /// Number of steps in one call, rejected ones included, above which the tolerance is raised, and number of further
 /// steps per factor of ten: forces that jump, as those of polyhedra may, must not stall the integration.
-const HURDLE: (usize, usize) = (5000, 1000);
+const AFTER_MANY_STEPS: (usize, usize) = (5000, 1000);
 /// Smallest step relative to the whole call. A step of this length is accepted even if its error is too large.
 const SMALLEST: f64 = 1e-12;
 /// Number of steps after an event, rejected ones included, above which the tolerance is raised, and number of further
 /// steps per factor of ten: in a lasting contact, rounding of its force would otherwise keep the steps short.
-const LASTING: (usize, usize) = (20_000, 100);
+const AFTER_LONG_CONTACT: (usize, usize) = (20_000, 100);
 /// Upper limit of the tolerance raised in a lasting contact.
-const OF_LASTING: f64 = 1e-8;
+const LARGEST_RAISED: f64 = 1e-8;
 /// Number of iterations above which the next step gets a new Jacobian.
 const SLOW: usize = 4;
 
@@ -419,10 +419,12 @@ impl ContactWorld {
         let first = self.work.steps + self.work.rejected;
         while left > 0.0 {
             let tries = self.work.steps + self.work.rejected - first;
-            let hurdles = tries.saturating_sub(HURDLE.0).div_ceil(HURDLE.1);
+            let factors = tries
+                .saturating_sub(AFTER_MANY_STEPS.0)
+                .div_ceil(AFTER_MANY_STEPS.1);
             self.raised = 10f64
-                .powi(hurdles.min(9) as i32)
-                .max(self.raised_by_lasting());
+                .powi(factors.min(9) as i32)
+                .max(self.raised_in_long_contact());
             let wanted = self.next_step.min(self.scene.longest_step());
             let wanted = wanted.max(SMALLEST * dt);
             // Avoid a tiny step at the end.
@@ -535,10 +537,10 @@ impl ContactWorld {
     }
 
     /// Factor by which the tolerance is raised after many steps without an event.
-    fn raised_by_lasting(&self) -> f64 {
-        let (first, more) = LASTING;
+    fn raised_in_long_contact(&self) -> f64 {
+        let (first, more) = AFTER_LONG_CONTACT;
         let beyond = self.since_event.saturating_sub(first) as f64;
-        let most = 0.1 * OF_LASTING.powf(2.0 / 3.0) / self.estimate();
+        let most = 0.1 * LARGEST_RAISED.powf(2.0 / 3.0) / self.estimate();
         10f64.powf(beyond / more as f64).clamp(1.0, most.max(1.0))
     }
 

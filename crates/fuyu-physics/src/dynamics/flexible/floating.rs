@@ -175,7 +175,7 @@ impl FlexibleFloating {
     /// Wrench that body `b` and its subtree exert on the rest of the robot through the body's joint, under the held
     /// input: torque about the base's origin \[N m\] and force \[N\], base axes. Needs the present accelerations
     /// ([`Self::set_accelerations`]); of a robot that holds a target, the accelerations of the joined system
-    /// ([`CapturedGyrostat::show_robot_accelerations`](crate::dynamics::capture::CapturedGyrostat::show_robot_accelerations)).
+    /// ([`CapturedGyrostat::copy_robot_accelerations_to`](crate::dynamics::capture::CapturedGyrostat::copy_robot_accelerations_to)).
     ///
     /// # Panics
     /// If no joint moves a body `b`.

@@ -112,7 +112,7 @@ impl FlexibleFloating {
 
     /// Sets the accelerations of all bodies in the workspace from those of base and joints, for a robot with rigid
     /// links.
-    pub(in crate::dynamics) fn show_accelerations(&mut self, A_WB_B: Twist, qdd: &[f64]) {
+    pub(in crate::dynamics) fn copy_accelerations_to(&mut self, A_WB_B: Twist, qdd: &[f64]) {
         let (_, workspace) = self.parts_mut();
         workspace.nodes[0].A = A_WB_B;
         for b in 1..workspace.nodes.len() {

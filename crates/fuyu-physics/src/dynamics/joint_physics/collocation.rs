@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
-use super::contacts::Contacts;
+use super::joint_contacts::JointContacts;
 use super::modes::Modes;
 use super::phi::phi;
 use crate::dynamics::integrator::EquationsOfMotion;
@@ -174,7 +174,7 @@ impl Collocation {
     }
 
     /// Sets the start of the following steps, of any length, and the joints that are held.
-    pub fn start(&mut self, start: &State, contacts: &Contacts, acting: &mut Acting) {
+    pub fn start(&mut self, start: &State, contacts: &JointContacts, acting: &mut Acting) {
         let loops = &mut acting.equations.loops;
         if !loops.closures().is_empty() {
             loops.project_damping(&acting.equations.model, &mut self.damping);
@@ -218,7 +218,7 @@ impl Collocation {
         &mut self,
         start: &State,
         h: f64,
-        contacts: &mut Contacts,
+        contacts: &mut JointContacts,
         acting: &mut Acting,
     ) -> bool {
         let (s, m) = (self.nodes.len(), self.modes.count());
@@ -259,7 +259,7 @@ impl Collocation {
     }
 
     /// Computes the efforts that hold joints at the end of the last step.
-    pub fn evaluate_end(&mut self, contacts: &mut Contacts, acting: &mut Acting) {
+    pub fn evaluate_end(&mut self, contacts: &mut JointContacts, acting: &mut Acting) {
         let state = &self.end.state;
         acting.forcing.apply(state.time, state, acting.input);
         contacts.evaluate(state, acting, &mut self.total, &mut self.end.holding);
@@ -301,7 +301,7 @@ impl Collocation {
     }
 
     /// Initial guess: the forcing at the start, from `contacts.at_start`, at all nodes.
-    fn guess(&mut self, start: &State, contacts: &Contacts) {
+    fn guess(&mut self, start: &State, contacts: &JointContacts) {
         let s = self.nodes.len();
         let n = self.x.len();
         let at_start = &contacts.at_start;
@@ -330,7 +330,7 @@ impl Collocation {
         i: usize,
         start: &State,
         h: f64,
-        contacts: &Contacts,
+        contacts: &JointContacts,
         acting: &mut Acting,
     ) -> Vector3<f64> {
         let (s, n) = (self.nodes.len(), self.x.len());
@@ -397,7 +397,7 @@ impl Collocation {
         &mut self,
         i: usize,
         turned: &Vector3<f64>,
-        contacts: &mut Contacts,
+        contacts: &mut JointContacts,
         acting: &mut Acting,
     ) {
         let n = self.x.len();
@@ -428,7 +428,7 @@ impl Collocation {
     }
 
     /// Adds work and dissipation of the step to the end's state. `displacement` is that at the end.
-    fn account(&mut self, start: &State, h: f64, contacts: &Contacts, acting: &Acting) {
+    fn account(&mut self, start: &State, h: f64, contacts: &JointContacts, acting: &Acting) {
         let mut supplied = 0.0;
         let mut lost = Dissipated::default();
         for k in 0..self.modes.count() {

@@ -19,7 +19,7 @@
 //! bracketing with whole steps of the integrator, so the state at the event is as accurate as any other.
 
 mod collocation;
-mod contacts;
+mod joint_contacts;
 mod modes;
 mod phi;
 mod small_matrix;

@@ -2,7 +2,7 @@
 
 use super::JointPhysics;
 use super::collocation::{Acting, Collocation};
-use super::contacts::{Contacts, Event};
+use super::joint_contacts::{Event, JointContacts};
 use crate::dynamics::{Input, State};
 use crate::model::Model;
 
@@ -42,7 +42,7 @@ const LOCATED: f64 = 1e-15;
 /// Integrates the steps of a robot whose joints have damping, friction or limits.
 #[derive(Debug, Clone)]
 pub(in crate::dynamics) struct Stepper {
-    contacts: Contacts,
+    contacts: JointContacts,
     collocation: Collocation,
     /// Whether damping or friction acts in every step.
     acts_always: bool,
@@ -66,7 +66,7 @@ impl Stepper {
         } else {
             &JointPhysics::DAMPING_ONLY
         };
-        let contacts = Contacts::new(model, settings);
+        let contacts = JointContacts::new(model, settings);
         let is_damped = model.joints().iter().any(|joint| joint.damping != 0.0);
         let acts_always = is_damped || contacts.has_friction();
         let has_limits = contacts.has_limits();
@@ -220,7 +220,7 @@ impl Stepper {
         error / ENERGY_ERROR[usize::from(self.collocation.order() > 4)]
     }
 
-    /// The event that is exceeded most at the end of a piece, as [`Contacts::furthest`].
+    /// The event that is exceeded most at the end of a piece, as [`JointContacts::furthest`].
     fn past(&mut self, piece: f64, acting: &mut Acting) -> (usize, Event, f64) {
         self.advance(piece, acting);
         self.past_at_end(acting)

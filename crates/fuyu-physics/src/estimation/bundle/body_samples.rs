@@ -24,7 +24,7 @@ use super::free_motion::{SHAPE_SPREAD, shape_of};
 use super::information::Inverse;
 use super::pixel_likelihood::PixelLikelihood;
 use super::pose_model::PoseModel;
-use super::pose_model::disturbed::Disturbed;
+use super::pose_model::disturbed::DisturbedMotion;
 use super::scene::Scene;
 use crate::estimation::motion_state::OtherMotions;
 
@@ -64,7 +64,7 @@ const NEGLIGIBLE: f64 = 7.0;
 
 /// A body, fitted to the images or about to be.
 struct Sample {
-    model: Disturbed,
+    model: DisturbedMotion,
     points: Vec<Vector3<f64>>,
     /// Logarithm of its evidence: without the prior of the shape, and with the nominal prior of the shape (mean zero).
     log_evidence: f64,
@@ -86,11 +86,11 @@ impl Sampler<'_> {
     /// Adjusts `model` and `points` and evaluates the evidence.
     fn fitted<const L: usize, const G: usize>(
         &self,
-        mut model: Disturbed,
+        mut model: DisturbedMotion,
         mut points: Vec<Vector3<f64>>,
     ) -> Option<Sample>
     where
-        Disturbed: PoseModel<L, G>,
+        DisturbedMotion: PoseModel<L, G>,
     {
         let (scene, variance) = (self.scene, self.variance);
         let likelihood = PixelLikelihood::Huber(4.0 * self.noise);
@@ -124,7 +124,10 @@ fn widest_of_shape<const G: usize>(covariance: &SMatrix<f64, G, G>) -> f64 {
 }
 
 /// A shape drawn from its prior, and `model` with that shape; `None` if no body can have any of the drawn shapes.
-fn drawn_body(model: &Disturbed, rng: &mut StdRng) -> Option<(SVector<f64, 5>, Disturbed)> {
+fn drawn_body(
+    model: &DisturbedMotion,
+    rng: &mut StdRng,
+) -> Option<(SVector<f64, 5>, DisturbedMotion)> {
     (0..DRAWS).find_map(|_| {
         let normal = |_, _| rng.sample::<f64, _>(StandardNormal);
         let shape = SVector::<f64, 5>::from_fn(normal) * SHAPE_SPREAD;
@@ -145,7 +148,7 @@ pub struct BodySamples<const L: usize, const G: usize> {
 
 impl<const L: usize, const G: usize> BodySamples<L, G>
 where
-    Disturbed: PoseModel<L, G>,
+    DisturbedMotion: PoseModel<L, G>,
 {
     /// Draws samples after a short rotation, or if the images do not determine the shape; otherwise `None`. `noise` is
     /// the assumed image noise \[px\].
@@ -198,7 +201,7 @@ where
     }
 
     /// The sample with the largest posterior, and its points, if it is more probable than the estimate.
-    pub fn more_probable(&self) -> Option<(Disturbed, Vec<Vector3<f64>>)> {
+    pub fn more_probable(&self) -> Option<(DisturbedMotion, Vec<Vector3<f64>>)> {
         let best =
             (self.samples.iter()).max_by(|a, b| a.log_posterior.total_cmp(&b.log_posterior))?;
         let model = best.model.with_expected_shape(&SVector::zeros());
@@ -210,7 +213,7 @@ where
     pub fn motions(
         &self,
         scene: &Scene,
-        estimate: &Disturbed,
+        estimate: &DisturbedMotion,
         covariance: &SMatrix<f64, G, G>,
         likelihood: &PixelLikelihood,
     ) -> Option<OtherMotions> {
@@ -260,7 +263,7 @@ where
         scene: &Scene,
         likelihood: &PixelLikelihood,
         rng: &mut StdRng,
-    ) -> Option<Disturbed> {
+    ) -> Option<DisturbedMotion> {
         let (mut model, mut points) = (sample.model.clone(), sample.points.clone());
         let adjusted = |steps| AdjustOptions {
             likelihood: *likelihood,

@@ -5,15 +5,15 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::CentreMotion;
 use super::adjust::{AdjustOptions, adjust, reduced_normal};
+use super::autocorrelation_factor::autocorrelation_factor;
 use super::body_samples::BodySamples;
 use super::free_motion::SHAPE_SPREAD;
 use super::information::Inverse;
 use super::inlier_gate::{INLIER_GATE, gate_and_evaluate};
 use super::intrinsics::INTRINSICS;
-use super::lasting_errors::lasting_errors;
 use super::model_fit::{ModelFit, dispersion, refine_with_rounding};
 use super::pixel_likelihood::PixelLikelihood;
-use super::pose_model::disturbed::{Disturbed, Scales};
+use super::pose_model::disturbed::{DisturbedMotion, Scales};
 use super::pose_model::{FramePose, PoseModel};
 use super::prior_scales::best_scales;
 use super::scene::Scene;
@@ -39,7 +39,7 @@ const NEARBY: f64 = 3.0;
 /// The fit and its results for the last frame.
 pub struct DisturbedFit {
     /// The model.
-    pub model: Disturbed,
+    pub model: DisturbedMotion,
     /// The points in body axes.
     pub points: Vec<Vector3<f64>>,
     /// Covariance of each point in body axes; empty if not requested.
@@ -62,7 +62,7 @@ pub struct DisturbedFit {
 #[derive(Debug, Clone)]
 pub struct EvaluatedFit<const G: usize> {
     /// The fit.
-    pub fit: ModelFit<Disturbed>,
+    pub fit: ModelFit<DisturbedMotion>,
     /// Factor on the image variance for time-correlated errors.
     pub lasting: f64,
     /// Covariance of the common unknowns.
@@ -81,13 +81,13 @@ fn adjust_options(settings: &SolverSettings) -> AdjustOptions {
 /// Fits `start` with disturbances and evaluates it. `None` if the normal equations cannot be solved.
 pub fn fit_with_disturbances<const L: usize, const G: usize>(
     scene: &mut Scene,
-    start: Disturbed,
+    start: DisturbedMotion,
     points: Vec<Vector3<f64>>,
     settings: &SolverSettings,
     with_points: bool,
 ) -> Option<DisturbedFit>
 where
-    Disturbed: PoseModel<L, G>,
+    DisturbedMotion: PoseModel<L, G>,
 {
     let likelihood = PixelLikelihood::Huber(4.0 * settings.noise);
     let (first, samples) = search::<L, G>(scene, start, points, settings)?;
@@ -165,12 +165,12 @@ where
 /// The most probable fit found from `start`, and samples of other bodies if the images do not determine the inertia.
 fn search<const L: usize, const G: usize>(
     scene: &mut Scene,
-    start: Disturbed,
+    start: DisturbedMotion,
     points: Vec<Vector3<f64>>,
     settings: &SolverSettings,
 ) -> Option<(EvaluatedFit<G>, Option<BodySamples<L, G>>)>
 where
-    Disturbed: PoseModel<L, G>,
+    DisturbedMotion: PoseModel<L, G>,
 {
     let adjust_options = adjust_options(settings);
     let limit = INLIER_GATE * settings.noise;
@@ -213,20 +213,20 @@ where
 /// Selects the prior widths by the evidence of the images, and adjusts again. `cost` is the cost of `model` before.
 fn with_chosen_widths<const L: usize, const G: usize>(
     scene: &mut Scene,
-    mut model: Disturbed,
+    mut model: DisturbedMotion,
     mut points: Vec<Vector3<f64>>,
     mut cost: f64,
     settings: &SolverSettings,
 ) -> Option<EvaluatedFit<G>>
 where
-    Disturbed: PoseModel<L, G>,
+    DisturbedMotion: PoseModel<L, G>,
 {
     let adjust_options = adjust_options(settings);
     let likelihood = adjust_options.likelihood;
     let limit = INLIER_GATE * settings.noise;
     for _ in 0..ROUNDS {
         let residuals = gate_and_evaluate::<L, G, _>(scene, &model, &points, limit);
-        let lasting = lasting_errors::<L, G, _>(scene, &model, &points);
+        let lasting = autocorrelation_factor::<L, G, _>(scene, &model, &points);
         let variance = (lasting * residuals.deviation.powi(2)).max(f64::MIN_POSITIVE);
         let (hessian, gradient) = of_images::<L, G>(scene, &model, &points, &likelihood)?;
         let scales = best_scales(
@@ -243,7 +243,7 @@ where
         cost = adjust::<L, G, _>(scene, &mut model, &mut points, &adjust_options)?.cost;
     }
     let residuals = gate_and_evaluate::<L, G, _>(scene, &model, &points, limit);
-    let lasting = lasting_errors::<L, G, _>(scene, &model, &points);
+    let lasting = autocorrelation_factor::<L, G, _>(scene, &model, &points);
     let fit = ModelFit {
         motion: model,
         points,
@@ -261,12 +261,12 @@ where
 /// \[px²\].
 fn of_images<const L: usize, const G: usize>(
     scene: &Scene,
-    model: &Disturbed,
+    model: &DisturbedMotion,
     points: &[Vector3<f64>],
     likelihood: &PixelLikelihood,
 ) -> Option<(SMatrix<f64, G, G>, SVector<f64, G>)>
 where
-    Disturbed: PoseModel<L, G>,
+    DisturbedMotion: PoseModel<L, G>,
 {
     let normal = reduced_normal::<L, G, _>(scene, model, points, likelihood, false)?;
     let (weights, distances) = PoseModel::<L, G>::prior(model);
@@ -277,12 +277,12 @@ where
 /// Covariance of the common unknowns. `lasting` is the variance factor of time-correlated errors.
 fn covariance_of<const L: usize, const G: usize>(
     scene: &Scene,
-    fit: &ModelFit<Disturbed>,
+    fit: &ModelFit<DisturbedMotion>,
     likelihood: &PixelLikelihood,
     lasting: f64,
 ) -> Option<SMatrix<f64, G, G>>
 where
-    Disturbed: PoseModel<L, G>,
+    DisturbedMotion: PoseModel<L, G>,
 {
     let dispersion = dispersion::<L, G, _>(scene, fit, likelihood);
     let variance = (lasting * dispersion).max(f64::MIN_POSITIVE);
@@ -295,13 +295,13 @@ where
 /// priors.
 pub fn information_of<const L: usize, const G: usize>(
     scene: &Scene,
-    model: &Disturbed,
+    model: &DisturbedMotion,
     points: &[Vector3<f64>],
     likelihood: &PixelLikelihood,
     variance: f64,
 ) -> Option<SMatrix<f64, G, G>>
 where
-    Disturbed: PoseModel<L, G>,
+    DisturbedMotion: PoseModel<L, G>,
 {
     let normal = reduced_normal::<L, G, _>(scene, model, points, likelihood, false)?;
     let (weights, _) = PoseModel::<L, G>::prior(model);
@@ -316,12 +316,12 @@ where
 
 /// Mahalanobis distance of two models at the last frame, in attitude and momentum.
 fn differs_by<const L: usize, const G: usize>(
-    a: &Disturbed,
-    b: &Disturbed,
+    a: &DisturbedMotion,
+    b: &DisturbedMotion,
     covariance: &SMatrix<f64, G, G>,
 ) -> f64
 where
-    Disturbed: PoseModel<L, G>,
+    DisturbedMotion: PoseModel<L, G>,
 {
     let (from, _, by_common) = a.last_state::<G>();
     let (to, _, _) = b.last_state::<G>();

@@ -12,7 +12,7 @@ use super::intrinsics::Intrinsics;
 use super::model_fit::{ModelFit, fit_robustly, prefer_sphere};
 use super::pixel_likelihood::PixelLikelihood;
 use super::pose_model::TumblingModel;
-use super::pose_model::disturbed::{Disturbed, INDEPENDENT, SMOOTH};
+use super::pose_model::disturbed::{DisturbedMotion, INDEPENDENT, SMOOTH};
 use super::pose_model::free_positions::FreePositions;
 use super::pose_model::linear_com_motion::{LINE, LinearComMotion};
 use super::scene::Scene;
@@ -118,7 +118,8 @@ pub fn adjust_globally(
         let (noise, orbit) = (settings.noise, settings.orbit);
         let shape_spread = rotation.shape_spread;
         let (motion, t_C) = (rotation.motion, rotation.t_C);
-        let mut model = Disturbed::new(motion, t_C, line, &times, &R_WC, noise, widths, orbit);
+        let mut model =
+            DisturbedMotion::new(motion, t_C, line, &times, &R_WC, noise, widths, orbit);
         model.intrinsics = intrinsics;
         model.shape_spread = shape_spread;
         model

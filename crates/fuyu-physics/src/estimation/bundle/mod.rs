@@ -30,6 +30,7 @@
 mod adjust;
 mod ambiguity;
 mod attitude_fit;
+mod autocorrelation_factor;
 mod body_samples;
 mod camera_motion;
 mod disturbed_fit;
@@ -43,7 +44,6 @@ mod inlier_gate;
 mod intrinsics;
 mod key_frames;
 mod known_rotation;
-mod lasting_errors;
 mod linear_inertia;
 mod model_fit;
 mod pixel_likelihood;

@@ -41,15 +41,15 @@ const MOST_MEASURED: f64 = 2.0;
 const AS_INDEPENDENT: f64 = 1.2;
 
 /// Largest ratio of residuals to the white noise at which no further initialisation is tried.
-const AS_WHITE: f64 = 1.35;
+const WHITE_NOISE_RATIO: f64 = 1.35;
 
 /// Ratio of residuals to noise above which the solver starts again with other random samples, unless the residuals of
 /// two starts agree to the second fraction.
-const WELL: f64 = 1.06;
+const GOOD_NOISE_RATIO: f64 = 1.06;
 const AGREE: f64 = 0.01;
 
 /// Largest accepted ratio of residuals to the white noise, after all starts.
-const MOST_AS_WHITE: f64 = 1.5;
+const LARGEST_NOISE_RATIO: f64 = 1.5;
 
 /// An outlier counts as a residual of this many times the noise.
 const OUTLIER: f64 = 6.0;
@@ -133,12 +133,13 @@ pub(super) fn solve(
     let as_white = |b: &GlobalFit, most: f64| {
         white.is_none_or(|white| b.residuals.deviation < most * white.max(assumed))
     };
-    let fits_noise = |b: &GlobalFit| as_white(b, AS_WHITE);
+    let fits_noise = |b: &GlobalFit| as_white(b, WHITE_NOISE_RATIO);
     // Otherwise no start has found the motion, or the model does not contain it.
-    let explained = |b: &GlobalFit| as_white(b, MOST_AS_WHITE);
+    let explained = |b: &GlobalFit| as_white(b, LARGEST_NOISE_RATIO);
     // Slightly larger residuals may also come from another minimum.
-    let fits_well =
-        |b: &GlobalFit| b.residuals.deviation < WELL * white.unwrap_or(first).max(assumed);
+    let fits_well = |b: &GlobalFit| {
+        b.residuals.deviation < GOOD_NOISE_RATIO * white.unwrap_or(first).max(assumed)
+    };
     let mut searched_reused_ids = false;
     let mut held = false;
     let most = assumed * f64::from(1 << DOUBLINGS);

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 
 use super::super::free_motion::{FreeMotion, Sensitivity};
 
-/// Sensitivity of rotation (body axes) and impulse (inertial axes) at a time to `K` angular accelerations ("courses").
+/// Sensitivity of rotation (body axes) and impulse (inertial axes) at a time to `K` angular accelerations ("acceleration_histories").
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Response<const K: usize> {
     /// Rotation by the amplitude of each course \[s²\].
@@ -35,7 +35,7 @@ pub fn responses<const K: usize>(
     let split = times.partition_point(|t| *t < motion.time);
     let by_turn = motion.shape_by_turn();
     let mut walk = |order: &mut dyn Iterator<Item = usize>| {
-        // Integrals of A⁻¹ B times the courses and of the courses; A⁻¹ B and the attitude at the previous time.
+        // Integrals of A⁻¹ B times the acceleration_histories and of the acceleration_histories; A⁻¹ B and the attitude at the previous time.
         let (mut sum, mut impulse) = ([Matrix3::zeros(); K], [Matrix3::zeros(); K]);
         let (mut before, mut last) = (Matrix3::zeros(), motion.time);
         let mut R_before = *motion.R_WB.to_rotation_matrix().matrix();

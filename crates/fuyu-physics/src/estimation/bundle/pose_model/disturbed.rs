@@ -21,7 +21,7 @@ use crate::spatial::exp_so3;
 /// Number of intervals with constant angular acceleration in inertial axes.
 pub const STEPS: usize = 4;
 
-/// Number of time histories ("courses") of the angular acceleration: for each interval, constant in inertial axes from
+/// Number of time histories ("acceleration_histories") of the angular acceleration: for each interval, constant in inertial axes from
 /// its beginning on; and one that is constant in body axes, as of outgassing.
 const COURSES: usize = STEPS + 1;
 
@@ -145,7 +145,7 @@ impl Default for Scales {
 
 /// A rotation with disturbances. `L` is 0 with a smooth path, and 3 with independent positions.
 #[derive(Debug, Clone)]
-pub struct Disturbed {
+pub struct DisturbedMotion {
     /// The rotation without disturbances.
     pub motion: FreeMotion,
     /// Angular accelerations in units of their widths.
@@ -171,7 +171,7 @@ pub struct Disturbed {
 }
 
 /// Angular accelerations in inertial axes at a time and an attitude, by unknowns in units of their widths.
-fn courses(
+fn acceleration_histories(
     times: &[f64],
     widths: &Widths,
 ) -> impl Fn(f64, &Matrix3<f64>) -> [Matrix3<f64>; COURSES] {
@@ -189,7 +189,7 @@ fn courses(
     }
 }
 
-impl Disturbed {
+impl DisturbedMotion {
     /// A model without disturbances yet, for frames at `times` (ascending) of a camera with attitudes `R_WC`. With a
     /// `line` (position at the first frame, displacement to the last) the path is smooth; otherwise `t_C` are the
     /// positions.
@@ -321,7 +321,12 @@ impl Disturbed {
     fn propagate(&mut self) {
         let Fixed { times, widths, .. } = &*self.fixed;
         self.attitudes = self.motion.attitudes_and_sensitivities(times);
-        self.responses = responses(&self.motion, times, &self.attitudes, courses(times, widths));
+        self.responses = responses(
+            &self.motion,
+            times,
+            &self.attitudes,
+            acceleration_histories(times, widths),
+        );
     }
 
     /// The frames' times \[s\].
@@ -430,7 +435,7 @@ impl Disturbed {
             ..self.motion
         };
         let R = *R_WB.to_rotation_matrix().matrix();
-        let mut heights = courses(self.times(), &self.fixed.widths)(time, &R);
+        let mut heights = acceleration_histories(self.times(), &self.fixed.widths)(time, &R);
         // An acceleration in body axes turns with the body: only its part along the momentum persists.
         let along = motion.momentum.normalize();
         heights[STEPS] = along * along.tr_mul(&heights[STEPS]);
@@ -496,7 +501,7 @@ impl Disturbed {
     }
 }
 
-impl<const L: usize, const G: usize> PoseModel<L, G> for Disturbed {
+impl<const L: usize, const G: usize> PoseModel<L, G> for DisturbedMotion {
     const CAMERA: usize = INTRINSICS;
 
     fn pose(&self, i: usize) -> FramePose {

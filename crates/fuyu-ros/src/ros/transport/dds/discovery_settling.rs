@@ -24,7 +24,7 @@ const REDISCOVERY_OF_PEERS: Duration = Duration::from_secs(1);
 /// Longest delay of an endpoint, regardless of the number of discovered peers.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// First bytes of a rustdds GUID, its vendor id. rustdds peers are not affected.
-const OUR_KIND: [u8; 2] = [0x01, 0x12];
+const RUSTDDS_VENDOR: [u8; 2] = [0x01, 0x12];
 
 /// Peers other than rustdds, with the time of the last discovery.
 #[derive(Debug, Default)]
@@ -100,7 +100,7 @@ impl DiscoverySettling {
 /// The GUID prefix, unless it belongs to rustdds.
 fn prefix_of_other(prefix: &[u8]) -> Option<Prefix> {
     let prefix = Prefix::try_from(prefix).ok()?;
-    (prefix[..2] != OUR_KIND).then_some(prefix)
+    (prefix[..2] != RUSTDDS_VENDOR).then_some(prefix)
 }
 
 #[cfg(test)]
@@ -118,7 +118,7 @@ mod tests {
     #[test]
     fn only_other_implementations_delay_new_endpoints() {
         let settling = DiscoverySettling::default();
-        settling.participant_discovered(&guid(OUR_KIND));
+        settling.participant_discovered(&guid(RUSTDDS_VENDOR));
         let start = Instant::now();
         settling.wait();
         assert!(start.elapsed() < SETTLING);

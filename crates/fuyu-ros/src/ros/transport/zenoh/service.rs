@@ -58,17 +58,17 @@ pub(super) struct PendingQueries {
 }
 
 /// Key of a request: service, GID of the client, sequence number.
-type Question = (ServiceOfNode, Gid, i64);
+type RequestKey = (ServiceOfNode, Gid, i64);
 
 #[derive(Default)]
 struct Requests {
-    requests: HashMap<Question, Request>,
+    requests: HashMap<RequestKey, Request>,
     /// Requests without a reply, in order of arrival.
-    waiting: VecDeque<Question>,
+    waiting: VecDeque<RequestKey>,
     /// Total length of these requests \[bytes\].
     waiting_bytes: usize,
     /// Requests with a reply, in order of the replies.
-    answered: VecDeque<Question>,
+    answered: VecDeque<RequestKey>,
     /// Total length of the kept replies \[bytes\].
     kept: usize,
 }
@@ -201,7 +201,7 @@ impl PendingQueries {
 
 impl Requests {
     /// Removes a request, if known. Its queries end when the result is dropped.
-    fn forget_one(&mut self, question: &Question) -> Option<Request> {
+    fn forget_one(&mut self, question: &RequestKey) -> Option<Request> {
         let request = self.requests.remove(question)?;
         let order = match &request.state {
             RequestState::Waiting(_) => {

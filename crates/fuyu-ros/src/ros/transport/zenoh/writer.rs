@@ -33,12 +33,12 @@ const UNMATCHED: Duration = Duration::from_secs(5);
 
 /// Detects that the router reports no subscription to this publisher although some are announced.
 #[derive(Default)]
-struct Unheard {
+struct UnmatchedSubscriptions {
     since: Option<Instant>,
     is_reported: bool,
 }
 
-impl Unheard {
+impl UnmatchedSubscriptions {
     /// Whether to report the problem now; true once.
     fn is_new(&mut self, is_unheard: bool) -> bool {
         if !is_unheard {
@@ -61,7 +61,7 @@ pub(super) struct TopicWriter {
     number: Mutex<i64>,
     /// The publisher that this wire belongs to.
     writer: Weak<Writer>,
-    unheard: Mutex<Unheard>,
+    unheard: Mutex<UnmatchedSubscriptions>,
     _token: LivelinessToken,
 }
 

@@ -25,7 +25,7 @@ const SIGNIFICANT: f64 = 3.0;
 
 /// Variance factor of a solution for time-correlated errors; exactly 1 without them. Also 1 for coordinates rounded to
 /// whole pixels, which have a likelihood of their own.
-pub fn lasting_errors<const L: usize, const G: usize, M: PoseModel<L, G>>(
+pub fn autocorrelation_factor<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &M,
     points: &[Vector3<f64>],
@@ -116,7 +116,7 @@ mod tests {
     use rand_distr::StandardNormal;
 
     /// Errors of 50 points over 300 frames: each is `memory` times the previous one plus independent noise.
-    fn courses(memory: f64) -> Vec<Vec<(usize, Vector2<f64>)>> {
+    fn acceleration_histories(memory: f64) -> Vec<Vec<(usize, Vector2<f64>)>> {
         let mut rng = StdRng::seed_from_u64(4);
         let course = |_| {
             let mut error = Vector2::zeros();
@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn independent_errors_change_nothing() {
         for memory in [0.0, 0.1] {
-            assert_eq!(of_series(&courses(memory)), 1.0);
+            assert_eq!(of_series(&acceleration_histories(memory)), 1.0);
         }
     }
 
@@ -145,7 +145,7 @@ mod tests {
     fn errors_that_last_count_less() {
         for memory in [0.5, 0.9] {
             let expected = (1.0 + memory) / (1.0 - memory);
-            let factor = of_series(&courses(memory));
+            let factor = of_series(&acceleration_histories(memory));
             assert!(
                 (factor / expected - 1.0).abs() < 0.15,
                 "{factor} {expected}"

@@ -55,7 +55,7 @@ enum Holding {
 
 /// Modes of the joints: which ones slide, rest, touch a stop or move at their speed limit. Constant between two events.
 #[derive(Debug, Clone)]
-pub(super) struct Contacts {
+pub(super) struct JointContacts {
     restitution: f64,
     limits: Vec<Limits>,
     /// Position limits in this step; for a joint that starts beyond a limit, its position is the limit.
@@ -72,9 +72,9 @@ pub(super) struct Contacts {
     pub locked: Vec<bool>,
     candidates: Vec<usize>,
     choice: Vec<Holding>,
-    /// The equations of motion evaluated in the last [`Contacts::choose`].
+    /// The equations of motion evaluated in the last [`JointContacts::choose`].
     pub at_start: Evaluation,
-    /// Efforts of all holding joints in the last [`Contacts::choose`].
+    /// Efforts of all holding joints in the last [`JointContacts::choose`].
     pub at_start_holding: DVector<f64>,
     /// `Ĥ⁻¹`, the columns of the candidates, in their order.
     columns: Vec<f64>,
@@ -84,7 +84,7 @@ pub(super) struct Contacts {
     free: Vec<usize>,
 }
 
-impl Contacts {
+impl JointContacts {
     pub fn new(model: &Model, settings: &JointPhysics) -> Self {
         let n = model.dof();
         let limit = |is_on: bool, value: f64, none: f64| if is_on { value } else { none };

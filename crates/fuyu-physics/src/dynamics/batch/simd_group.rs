@@ -13,7 +13,7 @@ use crate::model::Model;
 /// Results are bit-identical to those of [`Floating::step`]. There are no threads.
 ///
 /// ```
-/// use fuyu_physics::dynamics::{Floating, IntegrationMethod, State, Together};
+/// use fuyu_physics::dynamics::{Floating, IntegrationMethod, State, SimdGroup};
 /// use fuyu_physics::model::Model;
 ///
 /// let urdf = include_str!("../../../../../urdf/planar_two_link.urdf");
@@ -24,7 +24,7 @@ use crate::model::Model;
 ///     robot
 /// };
 /// let (mut first, mut second, mut alone) = (robot(1.0), robot(2.0), robot(2.0));
-/// let mut together = Together::new(&first).ok_or("this robot is stepped alone")?;
+/// let mut together = SimdGroup::new(&first).ok_or("this robot is stepped alone")?;
 /// assert!(together.fits(&second));
 /// together.step(&mut [&mut first, &mut second], 0.01, 10);
 /// alone.step(0.01, 10);
@@ -32,7 +32,7 @@ use crate::model::Model;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone)]
-pub struct Together {
+pub struct SimdGroup {
     batch: Batch,
     tableau: &'static Tableau,
     /// The states before the step.
@@ -41,7 +41,7 @@ pub struct Together {
     joints: [Vec<f64>; 4],
 }
 
-impl Together {
+impl SimdGroup {
     /// For robots like `robot`. `None` if a batch cannot step it: closed loops, damping or friction in the joints,
     /// mimic joints, another formulation.
     pub fn new(robot: &Floating) -> Option<Self> {
@@ -144,7 +144,7 @@ mod tests {
 
     fn assert_as_alone(urdf: &str) {
         let (mut all, mut alone) = (robots(urdf, 19), robots(urdf, 19));
-        let mut together = Together::new(&all[0]).unwrap();
+        let mut together = SimdGroup::new(&all[0]).unwrap();
         assert!(all.iter().all(|robot| together.fits(robot)));
         for _ in 0..30 {
             let mut group: Vec<_> = all.iter_mut().collect();
@@ -180,9 +180,9 @@ mod tests {
     fn robots_that_are_not_stepped_in_lanes_are_refused() {
         let urdf = include_str!("../../../../../urdf/servicer.urdf");
         let mut robot = robots(urdf, 1).remove(0);
-        let together = Together::new(&robot).unwrap();
+        let together = SimdGroup::new(&robot).unwrap();
         robot.input_mut().wrenches[0].force.x = 1.0;
-        assert!(!together.fits(&robot) && Together::new(&robot).is_none());
+        assert!(!together.fits(&robot) && SimdGroup::new(&robot).is_none());
         let other = robots(&urdf.replace(r#"value="2000""#, r#"value="2001""#), 1);
         assert!(!together.fits(&other[0]));
     }
