@@ -276,7 +276,9 @@ impl World {
             return;
         };
         for (number, i) in system.free_targets() {
-            system.world().copy_state_to(number, &mut self.targets[i].body);
+            system
+                .world()
+                .copy_state_to(number, &mut self.targets[i].body);
         }
         let events: Vec<_> = system.take_events().collect();
         for event in events {
