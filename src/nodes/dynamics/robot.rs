@@ -6,9 +6,9 @@ use super::{
     contact_system::ContactSystem,
     flexible_robot::FlexibleRobot,
     free_body::{FreeBody, Restorable, in_world, try_to_move},
-    grasps::RigidRobot,
     loops::LoopParams,
     params::{DynamicsParams, joint_vector},
+    rigid_robot::RigidRobot,
 };
 use crate::{
     control::commander::BaseState,

@@ -279,7 +279,7 @@ impl<'a> Simulation<'a> {
     /// Why an awaited command is missing.
     fn missing_command_reason(&self) -> String {
         let inputs = self.actuator_inputs.as_ref();
-        let wheels = inputs.and_then(ActuatorInputs::waits_for);
+        let wheels = inputs.and_then(ActuatorInputs::missing_command_reason);
         wheels.unwrap_or_else(|| self.commands.missing_command_reason())
     }
 

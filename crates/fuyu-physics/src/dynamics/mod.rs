@@ -20,8 +20,7 @@
 //!   first, as in the thesis.
 //! - Vectors of joints have the order of [`Model::joints`](crate::model::Model::joints).
 //! - Everything is made from a [`Model`](crate::model::Model) and keeps it; all objects share one copy of the model and
-//! of its
-//!   compiled kinematic tree. Arguments are references, unless the callee keeps them; results are values or written to
+//!   of its compiled kinematic tree. Arguments are references, unless the callee keeps them; results are values or written to
 //!   `out`.
 //! - A vector of the wrong length, or an object of another robot, is a programming error: it panics with a message
 //!   that names the argument. Errors in the data (a description, closures that cannot be closed) are `Result`s.

@@ -9,8 +9,7 @@
 //!   `±F` can hold it: a complementarity problem, without regularisation and without creep. Static and sliding friction are
 //!   equal, as in URDF.
 //! - **Stops** at the position limits: the time at which a joint reaches one within the step is located to rounding,
-//! and the joint
-//!   rebounds with the coefficient of restitution `e` (Newton's impact law). In the metric of the reduced inertia the
+//!   and the joint rebounds with the coefficient of restitution `e` (Newton's impact law). In the metric of the reduced inertia the
 //!   impact takes the energy `½ (1 - e²) v² / (Ĥ⁻¹)_jj`. Below a rebound of 1e-4 rad/s (or m/s) the joint rests at the stop,
 //!   which pushes but does not pull.
 //! - **Speed limits**: the drive brakes a joint that would exceed its largest rate, with whatever effort is needed.

@@ -7,12 +7,14 @@
 //!    (`relative_pose`: Weng's linear method, five points with RANSAC for wrong correspondences), linear structure
 //!    (`known_rotation`), resection of further frames (`resection`), bundle adjustment (`adjust`, on the block solver
 //!    `schur`).
+//! 2. `linear_inertia`: inertia and momentum from the attitudes by linear least squares, since momentum is constant.
 //! 3. `attitude_fit`: the torque-free motion that fits the attitudes best. Where tracks are too short for stage 1,
-//! `relative_rotation` fits the motion to rotations between neighbouring frames instead.
+//!    `relative_rotation` fits the motion to rotations between neighbouring frames instead.
 //! 4. `global_adjustment`: bundle adjustment of points and motion together, over all frames (`model_fit`). The centre
 //!    of mass moves on a straight line (`pose_model::linear_com_motion`) or, where the images contradict this, has an
 //!    independent position in each frame (`pose_model::free_positions`). For pixels that are whole numbers, the
 //!    likelihood of rounding refines the result (`pixel_likelihood`). After a short rotation other depths are tried
+//!    (`ambiguity`).
 //! 5. `disturbed_fit`: the same adjustment with torques, errors of gyro and calibration, and a curved path as further
 //!    unknowns with priors; the evidence of the images selects the prior widths (`prior_scales`). Its normal equations give
 //!    the covariance of the state at the last frame. Where the images do not determine the inertia, samples of other bodies
