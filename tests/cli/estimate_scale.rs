@@ -62,7 +62,7 @@ fn cloud(time: f64, frame: &str, points: impl Iterator<Item = Vector3<f64>>) -> 
 fn tracks(frame: &FeatureFrame) -> FeatureTracks {
     FeatureTracks {
         header: header(frame.time, CAMERA_FRAME),
-        ids: frame.features.iter().map(|f| f.id).collect(),
+        ids: frame.features.iter().map(|f| f.id as u32).collect(),
         u: frame.features.iter().map(|f| f.u).collect(),
         v: frame.features.iter().map(|f| f.v).collect(),
     }
