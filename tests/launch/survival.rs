@@ -99,6 +99,10 @@ fn stopped_and_continued(domain: u16, signal: &str, options: &[&str], participan
         });
         let rejoined = now();
         let longest = rejoined - continued + flows(&mut peer, rejoined);
+        if longest >= BACK_WITHIN {
+            let took = rejoined - continued;
+            println!("nodes joined again within {took:.3} s\n{}", launch.said().1);
+        }
         let (later, after) = newest_state(&mut peer);
         assert!(after > before, "time goes on: {before} {after}");
         // Simulated time stood still with the process; the pause is not caught up.

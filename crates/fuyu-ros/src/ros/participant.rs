@@ -255,7 +255,10 @@ impl Participant {
         for _ in 1..MAX_SESSIONS {
             match new {
                 Ok(_) | Err(TransportError::NoDescriptors(_)) => break,
-                Err(TransportError::Deadlocked(_)) => {}
+                Err(TransportError::Deadlocked(_)) => tracing::warn!(
+                    "{}: a DDS participant deadlocked while its endpoints were created; creating another one",
+                    self.node_names().join(", ")
+                ),
                 // A signal may have ended the threads of the new participant as well.
                 Err(TransportError::Other(_)) => thread::sleep(PAUSE),
             }
