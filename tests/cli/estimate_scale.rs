@@ -122,7 +122,8 @@ fn bag(folder: &Path, cloud_frame: &str, has_calibration: bool) -> PathBuf {
 #[test]
 fn clouds_in_a_bag_give_the_scale() {
     let folder = tempfile::tempdir().unwrap();
-    let found = json(&bag(folder.path(), CAMERA_FRAME, true), &[]);
+    let bag = bag(folder.path(), CAMERA_FRAME, true);
+    let found = json(&bag, &[]);
     assert_eq!(found["centre"]["unit"], "m", "{}", found["notes"]);
     let position = Vector3::from_row_slice(&numbers(&found["centre"]["position"]));
     let error = position - Vector3::from(CENTRE);
@@ -140,7 +141,7 @@ fn clouds_in_a_bag_give_the_scale() {
     }
     // A length that is given is used instead.
     let given = ["--distance", "0,1,0.5"];
-    let found = json(&bag(folder.path(), CAMERA_FRAME, true), &given);
+    let found = json(&bag, &given);
     let point = |k: usize| Vector3::from_row_slice(&numbers(&found["points"][k]["p"]));
     assert!(((point(0) - point(1)).norm() - 0.5).abs() < 1e-9);
 }
