@@ -50,13 +50,14 @@ fn launch(domain: u16, options: &[&str]) -> (Running, Peer) {
 }
 
 /// How long every topic of the loop took to flow, since `from`.
-fn flows(peer: &mut Peer, from: f64) -> f64 {
+fn flows(launch: &Running, peer: &mut Peer, from: f64) -> f64 {
     let mut longest = 0.0f64;
     for (topic, _) in LOOP {
         let wait = json!({"do": "wait", "topic": topic, "count": 5, "since": from + 0.05});
         let messages = peer.does(wait);
         let messages = messages.as_array().unwrap();
-        assert!(messages.len() >= 5, "{topic} is silent");
+        let count = messages.len();
+        assert!(count >= 5, "{count} of {topic}: {}", launch.said().1);
         longest = longest.max(messages[4]["time"].as_f64().unwrap() - from);
     }
     longest
@@ -98,7 +99,7 @@ fn stopped_and_continued(domain: u16, signal: &str, options: &[&str], participan
             (joins(&launch) >= joined + participants).then_some(())
         });
         let rejoined = now();
-        let longest = rejoined - continued + flows(&mut peer, rejoined);
+        let longest = rejoined - continued + flows(&launch, &mut peer, rejoined);
         if longest >= BACK_WITHIN {
             let took = rejoined - continued;
             println!("nodes joined again within {took:.3} s\n{}", launch.said().1);
@@ -147,7 +148,7 @@ fn a_childs_exit_and_other_signals_harm_nothing() {
                 launch.signal(signal);
             }
             // A topic whose thread a signal had ended would stay silent.
-            let longest = flows(&mut peer, now());
+            let longest = flows(&launch, &mut peer, now());
             println!("after SIG{signal} all topics flow within {longest:.2} s");
         }
         launch.interrupt().well();

@@ -8,7 +8,11 @@
 
 use nix::errno::Errno;
 use rustdds::{DomainParticipant, dds::CreateError};
-use std::{sync::mpsc, thread, time::Duration};
+use std::{
+    sync::mpsc::{self, RecvTimeoutError},
+    thread,
+    time::{Duration, Instant},
+};
 
 use crate::ros::{
     signals,
@@ -16,7 +20,21 @@ use crate::ros::{
 };
 
 /// If the creation takes longer, the participant counts as deadlocked. Usually it takes some microseconds.
-const TIMEOUT: Duration = Duration::from_secs(5);
+const TIMEOUT: Timeout = Timeout {
+    on_time: Duration::from_secs(2),
+    total: Duration::from_secs(5),
+};
+/// How often the waiting thread checks whether it runs on time.
+const CHECK: Duration = Duration::from_millis(50);
+
+/// Limits of a wait.
+#[derive(Clone, Copy)]
+struct Timeout {
+    /// Time during which the waiting thread was scheduled on time: other threads then had processor time, too.
+    on_time: Duration,
+    /// All time.
+    total: Duration,
+}
 
 impl From<CreateError> for TransportError {
     fn from(e: CreateError) -> Self {
@@ -50,7 +68,7 @@ pub(super) fn create<T: Send + 'static>(
 }
 
 fn run_with_timeout<T: Send + 'static>(
-    patience: Duration,
+    timeout: Timeout,
     make: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, TransportError> {
     let (finish, finished) = mpsc::sync_channel(1);
@@ -61,9 +79,19 @@ fn run_with_timeout<T: Send + 'static>(
         })
     });
     let maker = Some(maker.map_err(TransportError::other)?);
-    finished
-        .recv_timeout(patience)
-        .map_err(|_| TransportError::Deadlocked(AbandonedSession::blocking(maker)))
+    let (start, mut on_time) = (Instant::now(), Duration::ZERO);
+    while on_time < timeout.on_time && start.elapsed() < timeout.total {
+        let checked = Instant::now();
+        match finished.recv_timeout(CHECK) {
+            Ok(made) => return Ok(made),
+            Err(RecvTimeoutError::Disconnected) => break,
+            Err(RecvTimeoutError::Timeout) if checked.elapsed() < 2 * CHECK => on_time += CHECK,
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+    }
+    Err(TransportError::Deadlocked(AbandonedSession::blocking(
+        maker,
+    )))
 }
 
 #[cfg(test)]
@@ -83,7 +111,11 @@ mod tests {
     fn a_deadlocked_participant_is_not_waited_for() {
         assert!(matches!(run_with_timeout(TIMEOUT, || 7), Ok(7)));
         let (end, ended) = mpsc::channel::<()>();
-        let stuck = run_with_timeout(Duration::from_millis(20), move || ended.recv()).unwrap_err();
+        let short = Timeout {
+            on_time: CHECK,
+            total: 2 * CHECK,
+        };
+        let stuck = run_with_timeout(short, move || ended.recv()).unwrap_err();
         assert!(matches!(stuck, TransportError::Deadlocked(_)), "{stuck}");
         let (finish, finished) = mpsc::channel();
         drop(stuck.abandoning(NotifiesOnDrop(finish)));
