@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// A subscription that takes longer than this was delayed by a deadlock; shorter than the node's timeout.
-const LONG: Duration = Duration::from_secs(4);
+const LONG: Duration = Duration::from_millis(1500);
 
 // Fails if a node blocks on a deadlocked participant when it creates its next endpoint or drops the participant.
 #[test]
