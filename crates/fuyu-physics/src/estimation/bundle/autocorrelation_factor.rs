@@ -116,7 +116,7 @@ mod tests {
     use rand_distr::StandardNormal;
 
     /// Errors of 50 points over 300 frames: each is `memory` times the previous one plus independent noise.
-    fn acceleration_histories(memory: f64) -> Vec<Vec<(usize, Vector2<f64>)>> {
+    fn random_residuals(memory: f64) -> Vec<Vec<(usize, Vector2<f64>)>> {
         let mut rng = StdRng::seed_from_u64(4);
         let course = |_| {
             let mut error = Vector2::zeros();
@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn independent_errors_change_nothing() {
         for memory in [0.0, 0.1] {
-            assert_eq!(of_series(&acceleration_histories(memory)), 1.0);
+            assert_eq!(of_series(&random_residuals(memory)), 1.0);
         }
     }
 
@@ -145,7 +145,7 @@ mod tests {
     fn errors_that_last_count_less() {
         for memory in [0.5, 0.9] {
             let expected = (1.0 + memory) / (1.0 - memory);
-            let factor = of_series(&acceleration_histories(memory));
+            let factor = of_series(&random_residuals(memory));
             assert!(
                 (factor / expected - 1.0).abs() < 0.15,
                 "{factor} {expected}"

@@ -324,11 +324,12 @@ impl RtpsSender {
 
 /// Whether datagrams to `address` stay within this computer: the system then chooses the same address as their source.
 fn is_of_this_computer(address: SocketAddr) -> bool {
-    let source = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).and_then(|socket| {
+    let source = || {
+        let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
         socket.connect(address)?;
         socket.local_addr()
-    });
-    address.ip().is_loopback() || source.is_ok_and(|source| source.ip() == address.ip())
+    };
+    address.ip().is_loopback() || source().is_ok_and(|source| source.ip() == address.ip())
 }
 
 fn submessage(message: &mut Vec<u8>, kind_and_flags: [u8; 2], body: &[u8]) {
