@@ -222,7 +222,8 @@ impl Integrator {
     }
 
     /// [`Integrator::steps`]. If `is_evaluated`, the last evaluation was at `state` under the input of the first stage,
-    /// and is reused.
+    /// and is reused. From here on forcing is a trait object, so that every step runs code that was compiled here, whichever
+    /// crate calls.
     pub(super) fn steps_from(
         &mut self,
         state: &mut State,
@@ -230,7 +231,7 @@ impl Integrator {
         dt: f64,
         count: usize,
         is_evaluated: bool,
-        forcing: &mut impl Forcing,
+        forcing: &mut dyn Forcing,
     ) {
         let model = &self.equations.model;
         checks::same_robot("the integrator", model, "the workspace", &workspace.model);
@@ -257,7 +258,7 @@ impl Integrator {
         workspace: &mut Workspace,
         dt: f64,
         is_evaluated: bool,
-        forcing: &mut impl Forcing,
+        forcing: &mut dyn Forcing,
     ) {
         self.take_step(state, workspace, dt, is_evaluated, forcing);
         // The state before the step is in `stage` now.
@@ -278,7 +279,7 @@ impl Integrator {
         state: &mut State,
         workspace: &mut Workspace,
         dt: f64,
-        forcing: &mut impl Forcing,
+        forcing: &mut dyn Forcing,
     ) {
         let Some(stepper) = &mut self.stepper else {
             return;
@@ -302,7 +303,7 @@ impl Integrator {
         state: &mut State,
         workspace: &mut Workspace,
         dt: f64,
-        forcing: &mut impl Forcing,
+        forcing: &mut dyn Forcing,
     ) {
         self.take_step(state, workspace, dt, false, forcing);
         let weights = self.tableau.weights_after(self.tableau.c.len() - 1);
@@ -316,7 +317,7 @@ impl Integrator {
         workspace: &mut Workspace,
         dt: f64,
         is_evaluated: bool,
-        forcing: &mut impl Forcing,
+        forcing: &mut dyn Forcing,
     ) {
         let Self {
             tableau,

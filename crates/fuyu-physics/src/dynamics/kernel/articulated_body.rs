@@ -44,14 +44,21 @@ impl Body {
         }
     }
 
+    /// Mass, first moment and inertia about the kernel frame's origin.
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn rigid_inertia<S: Scalar>(&self, like: S) -> ArticulatedInertia<S> {
+    fn moments<S: Scalar>(&self, like: S) -> (S, Vec3<S>, Sym3<S>) {
         let h = &self.inertia.first_moment;
-        ArticulatedInertia::rigid(
+        (
             like.constant(self.inertia.mass),
             Vec3::constant(like, &[h.x, h.y, h.z]),
             Sym3::constant(like, &self.inertia.about_origin),
         )
+    }
+
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    fn rigid_inertia<S: Scalar>(&self, like: S) -> ArticulatedInertia<S> {
+        let (mass, first_moment, inertia) = self.moments(like);
+        ArticulatedInertia::rigid(mass, first_moment, inertia)
     }
 }
 
@@ -86,9 +93,9 @@ impl<S: Scalar> LinkScratch<S> {
         self.w = w;
     }
 
-    /// Initializes the subtree's inertia and force with those of its first body alone.
+    /// Initializes the force on the subtree with that on its first body alone.
     #[cfg_attr(not(debug_assertions), inline(always))]
-    pub(super) fn start_subtree(&mut self, body: &Body, external: Option<&SpatialForce<S>>) {
+    pub(super) fn start_force(&mut self, body: &Body, external: Option<&SpatialForce<S>>) {
         self.centripetal = centripetal_tensor(self.w);
         self.force = body.centrifugal_force(self.centripetal);
         if let Some(external) = external {
@@ -97,7 +104,6 @@ impl<S: Scalar> LinkScratch<S> {
                 force: self.force.force - external.force,
             };
         }
-        self.inertia = body.rigid_inertia(self.w[0]);
     }
 
     /// Projects inertia and force of the subtree onto the directions that the joint transmits, and transforms them to the
@@ -320,7 +326,7 @@ pub(crate) fn articulated_tree<S: Scalar>(
     let count = tree.bodies.len();
     let (links, bodies) = (&mut links[..count], &tree.bodies[..count]);
     let external = external.map(|e| &e[..count]);
-    links[0].start_subtree(&bodies[0], external.map(|e| &e[0]));
+    links[0].start_force(&bodies[0], external.map(|e| &e[0]));
     let mut previous = (links[0].w, links[0].centripetal);
     for &j in &tree.outward {
         let joint = &tree.joints[j];
@@ -329,8 +335,12 @@ pub(crate) fn articulated_tree<S: Scalar>(
         }
         let link = &mut links[j + 1];
         link.set_velocity(joint, previous.0, previous.1);
-        link.start_subtree(&bodies[j + 1], external.map(|e| &e[j + 1]));
+        link.start_force(&bodies[j + 1], external.map(|e| &e[j + 1]));
         previous = (link.w, link.centripetal);
+    }
+    let like = links[0].q;
+    for &leaf in &tree.leaves {
+        links[leaf].inertia = bodies[leaf].rigid_inertia(like);
     }
     let last = &links[tree.outward.last().map_or(0, |j| j + 1)];
     let mut subtree = (last.inertia, last.force);
@@ -338,7 +348,14 @@ pub(crate) fn articulated_tree<S: Scalar>(
         let joint = &tree.joints[j];
         let (inertia, force) = links[j + 1].project(joint, subtree);
         let parent = &mut links[joint.parent];
-        subtree = (parent.inertia.plus(inertia), parent.force.plus(force));
+        // The inertia of a body with one child is never stored: what is read back soon after is slow to read.
+        let sum = if joint.adds_parent_inertia {
+            let (mass, first_moment, own) = bodies[joint.parent].moments(like);
+            inertia.plus_rigid(mass, first_moment, own)
+        } else {
+            parent.inertia.plus(inertia)
+        };
+        subtree = (sum, parent.force.plus(force));
         if !joint.parent_is_previous {
             (parent.inertia, parent.force) = subtree;
             let next = &links[joint.previous];

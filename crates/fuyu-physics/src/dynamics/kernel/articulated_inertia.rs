@@ -27,6 +27,20 @@ impl<S: Scalar> ArticulatedInertia<S> {
         }
     }
 
+    /// Sum with the inertia of a rigid body, from its mass and its moments about the same point.
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    pub(super) fn plus_rigid(mut self, mass: S, first_moment: Vec3<S>, inertia: Sym3<S>) -> Self {
+        self.rotational = self.rotational + inertia;
+        for i in 0..3 {
+            let (j, k) = other_axes(i);
+            let H = &mut self.coupling.0;
+            H[k][j] = H[k][j] + first_moment[i];
+            H[j][k] = H[j][k] - first_moment[i];
+            self.mass.diagonal[i] = self.mass.diagonal[i] + mass;
+        }
+        self
+    }
+
     /// The same inertia about a new reference point, from which the present one lies at `p`, along one axis.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn shifted<const AXIS: usize>(mut self, p: S) -> Self {

@@ -59,13 +59,13 @@ pub fn inverse_dynamics<S: Scalar>(
 ) -> SpatialForce<S> {
     let count = tree.bodies.len();
     let (links, bodies) = (&mut links[..count], &tree.bodies[..count]);
-    links[0].start_subtree(&bodies[0], external.map(|e| &e[0]));
+    links[0].start_force(&bodies[0], external.map(|e| &e[0]));
     links[0].add_inertial_force(&bodies[0]);
     for (j, joint) in tree.joints.iter().enumerate() {
         let (inward, rest) = links.split_at_mut(j + 1);
         let (parent, link) = (&inward[joint.parent], &mut rest[0]);
         link.set_velocity(joint, parent.w, parent.centripetal);
-        link.start_subtree(&bodies[j + 1], external.map(|e| &e[j + 1]));
+        link.start_force(&bodies[j + 1], external.map(|e| &e[j + 1]));
         link.set_acceleration(joint, &parent.acceleration);
         link.add_inertial_force(&bodies[j + 1]);
     }
