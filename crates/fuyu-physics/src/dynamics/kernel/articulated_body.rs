@@ -44,21 +44,25 @@ impl Body {
         }
     }
 
-    /// Mass, first moment and inertia about the kernel frame's origin.
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn moments<S: Scalar>(&self, like: S) -> (S, Vec3<S>, Sym3<S>) {
+    fn rigid_inertia<S: Scalar>(&self, like: S) -> ArticulatedInertia<S> {
         let h = &self.inertia.first_moment;
-        (
+        ArticulatedInertia::rigid(
             like.constant(self.inertia.mass),
             Vec3::constant(like, &[h.x, h.y, h.z]),
             Sym3::constant(like, &self.inertia.about_origin),
         )
     }
 
+    /// Sum of `subtree`, about this body's origin, and this body's inertia.
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn rigid_inertia<S: Scalar>(&self, like: S) -> ArticulatedInertia<S> {
-        let (mass, first_moment, inertia) = self.moments(like);
-        ArticulatedInertia::rigid(mass, first_moment, inertia)
+    fn plus<S: Scalar>(&self, subtree: ArticulatedInertia<S>) -> ArticulatedInertia<S> {
+        let (like, h) = (subtree.mass.off[0], &self.inertia.first_moment);
+        subtree.plus_rigid(
+            like.constant(self.inertia.mass),
+            Vec3::constant(like, &[h.x, h.y, h.z]),
+            Sym3::constant(like, &self.inertia.about_origin),
+        )
     }
 }
 
@@ -348,19 +352,20 @@ pub(crate) fn articulated_tree<S: Scalar>(
         let joint = &tree.joints[j];
         let (inertia, force) = links[j + 1].project(joint, subtree);
         let parent = &mut links[joint.parent];
-        // The inertia of a body with one child is never stored: what is read back soon after is slow to read.
-        let sum = if joint.adds_parent_inertia {
-            let (mass, first_moment, own) = bodies[joint.parent].moments(like);
-            inertia.plus_rigid(mass, first_moment, own)
+        let force = parent.force.plus(force);
+        // The inertia of a body with one child is not stored: what is read back soon after is slow to read.
+        if joint.adds_parent_inertia && joint.parent_is_previous {
+            subtree = (bodies[joint.parent].plus(inertia), force);
+            continue;
+        }
+        parent.force = force;
+        parent.inertia = if joint.adds_parent_inertia {
+            bodies[joint.parent].plus(inertia)
         } else {
             parent.inertia.plus(inertia)
         };
-        subtree = (sum, parent.force.plus(force));
-        if !joint.parent_is_previous {
-            (parent.inertia, parent.force) = subtree;
-            let next = &links[joint.previous];
-            subtree = (next.inertia, next.force);
-        }
+        let next = &links[joint.previous];
+        subtree = (next.inertia, next.force);
     }
     subtree
 }
