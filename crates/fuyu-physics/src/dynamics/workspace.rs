@@ -230,10 +230,18 @@ impl Workspace {
     }
 
     /// Columns of the momentum map of coordinate `j`: the sum over the joints that the coordinate moves.
+    #[inline]
     pub(super) fn column(&self, j: usize) -> MomentumColumn<f64> {
-        if !self.model.has_mimics() {
-            return self.joints.column(j);
+        if self.model.has_mimics() {
+            self.coupled_column(j)
+        } else {
+            self.joints.column(j)
         }
+    }
+
+    /// [`Workspace::column`] of a robot with mimic joints.
+    #[cold]
+    fn coupled_column(&self, j: usize) -> MomentumColumn<f64> {
         let mut sum = MomentumColumn::zero(0.0);
         for &(k, ratio) in self.model.members(j) {
             sum.add_scaled(&self.joints.column(k), ratio);

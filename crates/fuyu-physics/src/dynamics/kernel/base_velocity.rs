@@ -102,13 +102,16 @@ pub(crate) fn whole_tree<S: Scalar>(
     for &j in tree.outward.iter().rev() {
         let (joint, mass) = (&tree.joints[j], bodies[j + 1].subtree_mass);
         subtree = subtree.to_parent(joint, mass, &links[j + 1]);
-        if !joint.adds_parent_inertia {
-            subtree = subtrees[joint.parent].plus(subtree);
+        if joint.adds_parent_inertia && joint.parent_is_previous {
+            continue;
         }
-        if !joint.parent_is_previous {
-            subtrees[joint.parent] = subtree;
-            subtree = subtrees[joint.previous];
-        }
+        let parent = &mut subtrees[joint.parent];
+        *parent = if joint.adds_parent_inertia {
+            subtree
+        } else {
+            parent.plus(subtree)
+        };
+        subtree = subtrees[joint.previous];
     }
     subtree
 }
