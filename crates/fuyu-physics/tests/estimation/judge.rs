@@ -1,6 +1,6 @@
 //! The judge: errors of predictions against their covariances, by category.
 
-use super::problems::{Category, Outcome, Problem};
+use super::problems::{Category, Disturbances, Outcome, Problem};
 
 /// Statistics of a category.
 pub struct Verdict {
@@ -23,11 +23,15 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
 }
 
 /// Solves `count` problems of a category and prints a line. With `FUYU_NO_TORQUE` set, the estimator knows that no torque
-/// acts.
+/// acts. With `FUYU_FROM_PRIORS` set, the problems have the disturbances that it assumes.
 pub fn judge(category: Category, name: &str, count: u64, verbose: bool) -> Verdict {
     let outcomes: Vec<Outcome> = (0..count)
         .map(|seed| {
-            let problem = Problem::new(category, seed);
+            let disturbances = match std::env::var_os("FUYU_FROM_PRIORS") {
+                Some(_) => Disturbances::FromPriors,
+                None => Disturbances::None,
+            };
+            let problem = Problem::with_disturbances(category, seed, disturbances);
             match std::env::var_os("FUYU_NO_TORQUE") {
                 Some(_) => problem.without_torque().solve(),
                 None => problem.solve(),

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use fuyu_physics::estimation::bundle::{self, CameraMotion, Options};
+use fuyu_physics::estimation::bundle::{self, CameraMotion, Options, Widths};
 use fuyu_physics::estimation::{FeatureFrame, Tracks};
 use fuyu_physics::vision::Pinhole;
 use nalgebra::{UnitQuaternion, UnitVector3, Vector3};
@@ -90,9 +90,60 @@ fn points(rng: &mut StdRng, count: usize) -> Vec<Vector3<f64>> {
         .collect()
 }
 
+/// What problems contain besides noise and what their category adds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Disturbances {
+    /// Nothing.
+    None,
+    /// Torques, a curved path, calibration errors and shapes drawn from the priors that [`Widths`] documents. The
+    /// covariance of a Bayesian estimator is then exact on average (simulation-based calibration: Cook, Gelman and
+    /// Rubin 2006).
+    FromPriors,
+}
+
+/// Draws what [`Disturbances::FromPriors`] names.
+fn draw_from_priors(
+    world: &mut World,
+    eye: &mut Eye,
+    draws_shape: bool,
+    distance: f64,
+    seconds: f64,
+    rng: &mut StdRng,
+) {
+    let widths = Widths::default();
+    let mut normal = |width: f64| width * rng.sample::<f64, _>(StandardNormal);
+    let mut vector = |width: f64| Vector3::from_fn(|_, _| normal(width));
+    // Gauss-Markov process, and a part that turns with the body.
+    let keep = (-1.0 / widths.correlation_time).exp();
+    let mut acceleration = vector(widths.acceleration);
+    for _ in 0..=seconds.ceil() as usize {
+        world.inertial_acceleration.push(acceleration);
+        acceleration =
+            acceleration * keep + vector(widths.acceleration * (1.0 - keep * keep).sqrt());
+    }
+    world.body_acceleration += vector(widths.acceleration);
+    if world.orbital_rate == 0.0 {
+        world.centre_acceleration = vector(widths.path * distance);
+    }
+    let errors = vector(1.0);
+    eye.focal *= 1.0 + widths.focal * errors.x;
+    eye.centre += errors.yz() * (widths.centre * eye.focal);
+    eye.radial += normal(widths.radial);
+    if draws_shape {
+        // A box whose shortest side may be a fiftieth of the longest.
+        let s = Vector3::from_fn(|_, _| rng.random_range(0.02..1.0f64).powi(2));
+        world.I = Vector3::new(s.y + s.z, s.z + s.x, s.x + s.y);
+    }
+}
+
 impl Problem {
-    /// The problem with this seed.
+    /// The problem with this seed, without disturbances.
     pub fn new(category: Category, seed: u64) -> Self {
+        Self::with_disturbances(category, seed, Disturbances::None)
+    }
+
+    /// The problem with this seed.
+    pub fn with_disturbances(category: Category, seed: u64, disturbances: Disturbances) -> Self {
         let mut rng = StdRng::seed_from_u64(1000 * category as u64 + seed);
         let rng = &mut rng;
         let mut world = World {
@@ -170,6 +221,11 @@ impl Problem {
             Category::Orbit => 0.02,
             _ => 1e-3,
         };
+        if disturbances == Disturbances::FromPriors {
+            let draws_shape = category != Category::Separatrix;
+            let seconds = duration + HORIZON;
+            draw_from_priors(&mut world, &mut eye, draws_shape, distance, seconds, rng);
+        }
         let start = State {
             R_WB: UnitQuaternion::from_scaled_axis(direction(rng) * rng.random_range(0.0..3.0)),
             w_B: axis * rate,

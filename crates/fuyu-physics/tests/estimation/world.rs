@@ -19,6 +19,10 @@ pub struct World {
     pub orbit: (Vector3<f64>, Vector3<f64>),
     /// Angular acceleration fixed to the body, as of outgassing \[rad/s²\].
     pub body_acceleration: Vector3<f64>,
+    /// Angular acceleration in inertial axes \[rad/s²\]: values a second apart, interpolated linearly. Zero if empty.
+    pub inertial_acceleration: Vec<Vector3<f64>>,
+    /// Constant acceleration of the body's centre, inertial axes \[m/s²\].
+    pub centre_acceleration: Vector3<f64>,
     /// Angular velocity of the camera in its own axes is `camera_rate * (1 + 0.5 sin(camera_pace t))` \[rad/s\].
     pub camera_rate: Vector3<f64>,
     /// \[rad/s\].
@@ -63,6 +67,16 @@ impl World {
         self.camera_rate * (1.0 + 0.5 * (self.camera_pace * t).sin())
     }
 
+    /// Angular acceleration in inertial axes \[rad/s²\].
+    fn inertial_acceleration(&self, t: f64) -> Vector3<f64> {
+        let k = t.floor();
+        let at = |k: f64| self.inertial_acceleration.get(k as usize).copied();
+        match (at(k), at(k + 1.0)) {
+            (Some(a), Some(b)) => a.lerp(&b, t - k),
+            (a, _) => a.unwrap_or_default(),
+        }
+    }
+
     fn slope(&self, t: f64, s: &State) -> Slope {
         let n2 = self.orbital_rate * self.orbital_rate;
         let up = if n2 > 0.0 {
@@ -70,7 +84,9 @@ impl World {
         } else {
             Vector3::zeros()
         };
-        let mut torque = self.I.component_mul(&self.body_acceleration);
+        let acceleration =
+            self.body_acceleration + s.R_WB.inverse() * self.inertial_acceleration(t);
+        let mut torque = self.I.component_mul(&acceleration);
         if self.gravity_gradient {
             let up_B = s.R_WB.inverse() * up;
             torque += up_B.cross(&self.I.component_mul(&up_B)) * (3.0 * n2);
@@ -80,7 +96,7 @@ impl World {
             q: s.R_WB.quaternion() * Quaternion::from_imag(s.w_B) * 0.5,
             w: (torque - s.w_B.cross(&momentum)).component_div(&self.I),
             r: s.v_W,
-            v: (up * (3.0 * up.dot(&s.r_W)) - s.r_W) * n2,
+            v: (up * (3.0 * up.dot(&s.r_W)) - s.r_W) * n2 + self.centre_acceleration,
             c: s.R_WC.quaternion() * Quaternion::from_imag(self.camera_rate(t)) * 0.5,
         }
     }
