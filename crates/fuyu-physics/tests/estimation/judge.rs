@@ -25,12 +25,12 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
 /// Solves `count` problems of a category and prints a line. With `FUYU_NO_TORQUE` set, the estimator knows that no torque
 /// acts. With `FUYU_FROM_PRIORS` set, the problems have the disturbances that it assumes.
 pub fn judge(category: Category, name: &str, count: u64, verbose: bool) -> Verdict {
+    let disturbances = match std::env::var_os("FUYU_FROM_PRIORS") {
+        Some(_) => Disturbances::FromPriors,
+        None => Disturbances::None,
+    };
     let outcomes: Vec<Outcome> = (0..count)
         .map(|seed| {
-            let disturbances = match std::env::var_os("FUYU_FROM_PRIORS") {
-                Some(_) => Disturbances::FromPriors,
-                None => Disturbances::None,
-            };
             let problem = Problem::with_disturbances(category, seed, disturbances);
             match std::env::var_os("FUYU_NO_TORQUE") {
                 Some(_) => problem.without_torque().solve(),
